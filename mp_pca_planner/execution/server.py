@@ -263,18 +263,14 @@ class MotionServer:
         if model is None or self.hold:
             self.refuse(request.name, self.hold or "the robot model is not known yet")
             return
-        if isinstance(request.goal, JointGoal):
-            try:  # an invalid goal preempts none
+        try:  # an invalid goal preempts none
+            if isinstance(request.goal, JointGoal):
                 check_goal(model.robot, model.facts.limits, request.goal)
-            except GoalError as error:
-                self.refuse(request.name, str(error))
-                return
-        if self._waiting is not None:
-            self._overtaken(self._waiting)
+        except GoalError as error:
+            self.refuse(request.name, str(error))
+            return
+        self._drop_waiting()
         self._waiting = request
-        if self._retry is not None:
-            self._overtaken(self._retry.request)
-            self._retry = None
         if self._active is not None and (self._may_cancel or self._active.is_detour):
             self._planner.cancel(self._active.key)
         self._go_on()
@@ -400,7 +396,7 @@ class MotionServer:
         now = self.tracker.clock()
         try:
             where = self.tracker.where(model.settings)
-            start = choose_start(where, self.tracker, model.settings, attempt.lookahead)
+            start = choose_start(where, model.settings, attempt.lookahead)
             goal = request.goal if request.make_goal is None else request.make_goal(start.state)
         except UnconfirmedError as error:
             # States that ceased long ago do not come back soon.
@@ -417,7 +413,7 @@ class MotionServer:
         is_free = math.isinf(self._verdict.place) and not attempt.is_detour
         repeats = execution.repeats(goal, where.following) if execution and is_free else ""
         if repeats and execution is not None:
-            self._under_way(request, repeats, execution.planned)
+            self._conclude(GoalOutcome.UNDER_WAY, request.name, repeats, execution.planned)
             self._may_cancel = True
             self._go_on()
             return
@@ -452,23 +448,17 @@ class MotionServer:
         self._go_on()
 
     def _rejected(self, attempt: _Attempt, message: Rejected) -> None:
+        """Report a goal without a motion, or that there is no detour."""
+        self._may_cancel = attempt.is_detour or not message.is_preempted
+        if message.is_preempted and attempt.is_detour:
+            return
         if message.is_preempted:
-            self._may_cancel = attempt.is_detour
-            if not attempt.is_detour:
-                self._overtaken(attempt.request)
-            return
-        if message.values.get("status") == ALREADY_THERE and not attempt.is_detour:
-            self._may_cancel = True
-            self._under_way(attempt.request, message.reason, message)
-            return
-        self._failed(attempt, message.reason, message)
-
-    def _under_way(
-        self, request: GoalRequest, reason: str, planned: Planned | Rejected | None
-    ) -> None:
-        """A goal that is under way, or reached, already."""
-        self.statistics.counts[GoalOutcome.UNDER_WAY] += 1
-        self._outputs.report_goal(GoalOutcome.UNDER_WAY, request.name, reason, planned)
+            self._overtaken(attempt.request)
+        elif message.values.get("status") == ALREADY_THERE and not attempt.is_detour:
+            name, reason = attempt.request.name, message.reason
+            self._conclude(GoalOutcome.UNDER_WAY, name, reason, message)
+        else:
+            self._failed(attempt, message.reason, message)
 
     def _publish_planned(self, attempt: _Attempt, planned: Planned) -> None:
         """Join, check and publish a planned motion; plan again if it comes too late."""
@@ -480,7 +470,7 @@ class MotionServer:
         try:
             where = self.tracker.where(model.settings)
             self._check_carriers(attempt)
-            motion = join(planned.trajectory, start, where, self.tracker, model.settings)
+            motion = join(planned.trajectory, start, where)
             self._check(motion, planned, start, where, model)
         except TooLateError as error:
             if attempt.number >= _MAX_ATTEMPTS and not attempt.is_detour:
@@ -504,10 +494,9 @@ class MotionServer:
         if attempt.is_detour:
             self._outputs.log(f"{reason}: another motion leads to the goal")
         else:
-            self.statistics.counts[GoalOutcome.SERVED] += 1
             request = attempt.request
             ignored = request.ignored_joints
-            self._outputs.report_goal(GoalOutcome.SERVED, request.name, "", planned, ignored)
+            self._conclude(GoalOutcome.SERVED, request.name, "", planned, ignored)
 
     def _check_carriers(self, attempt: _Attempt) -> None:
         """Raise a `TooLateError` if a joint that carries the arm has moved since the request."""
@@ -658,20 +647,14 @@ class MotionServer:
 
     def cancel(self, reason: str) -> None:
         """Cancel all goals; with a reason they are refused, else overtaken."""
-        dropped = [self._waiting, self._retry.request if self._retry else None]
-        self._waiting = self._retry = None
+        self._drop_waiting(reason)
         active = self._active
         if active is not None and not active.is_dropped:
             active.is_dropped = True
             self._planner.cancel(active.key)
             if not active.is_detour:
-                dropped.append(active.request)
+                self._drop(active.request, reason)
         self._may_cancel = True
-        for request in dropped:
-            if request is not None and reason:
-                self.refuse(request.name, f"{reason}; send the goal again")
-            elif request is not None:
-                self._overtaken(request)
 
     def _failed(self, attempt: _Attempt, reason: str, why: Rejected | None = None) -> None:
         """No motion serves a goal, or leads around an obstacle."""
@@ -684,13 +667,36 @@ class MotionServer:
 
     def refuse(self, name: Any, reason: str, why: Rejected | None = None) -> None:
         """Count and report a goal that is not served."""
-        self.statistics.counts[GoalOutcome.REFUSED] += 1
-        self._outputs.report_goal(GoalOutcome.REFUSED, name, reason, why)
+        self._conclude(GoalOutcome.REFUSED, name, reason, why)
 
     def _overtaken(self, request: GoalRequest) -> None:
-        self.statistics.counts[GoalOutcome.OVERTAKEN] += 1
         text = "preempted: a newer goal or a stop came before its motion was planned"
-        self._outputs.report_goal(GoalOutcome.OVERTAKEN, request.name, text)
+        self._conclude(GoalOutcome.OVERTAKEN, request.name, text)
+
+    def _drop_waiting(self, reason: str = "") -> None:
+        """Drop the goals that wait: with a reason they are refused, else overtaken."""
+        waiting = [self._waiting, self._retry.request if self._retry else None]
+        self._waiting = self._retry = None
+        for request in filter(None, waiting):
+            self._drop(request, reason)
+
+    def _drop(self, request: GoalRequest, reason: str) -> None:
+        if reason:
+            self.refuse(request.name, f"{reason}; send the goal again")
+        else:
+            self._overtaken(request)
+
+    def _conclude(
+        self,
+        outcome: GoalOutcome,
+        name: Any,
+        reason: str = "",
+        planned: Planned | Rejected | None = None,
+        ignored_joints: Sequence[str] = (),
+    ) -> None:
+        """Count and report what became of a goal."""
+        self.statistics.counts[outcome] += 1
+        self._outputs.report_goal(outcome, name, reason, planned, ignored_joints)
 
     def _report(self, report: ExecutionReport | None) -> None:
         if report is not None:

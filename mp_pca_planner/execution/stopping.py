@@ -75,7 +75,6 @@ def find_stop(
     GoalError
         If neither a measured nor a commanded state is known.
     """
-    may_stamp = settings.stamp_trajectories and tracker.measured.stamps.is_usable
     if isinstance(where, GoalError):
         return _silent_stop(where, tracker, robot, limits)
     following, command, now = where.following, where.command, where.now
@@ -83,12 +82,12 @@ def find_stop(
     is_on_path = following is not None and following.motion.is_path_known and following.is_running
     if is_on_path and not leaves_path:
         try:
-            return _stop_along(where, robot, limits, settings, time_left, stamp=may_stamp)
+            return _stop_along(where, robot, limits, settings, time_left)
         except TooLateError:
             pass
     if command is not None and not command.at_rest:
         # Under way, a message ages: a stamped one advances with the clock meanwhile.
-        is_timed = may_stamp and command.rate > 0.5
+        is_timed = where.may_stamp and command.rate > 0.5
         state = command.at(now if is_timed else now + USUAL_TRANSPORT)
         for stop, check in brakes(robot, limits, state, settings.sample_period):
             if not check.violations:
@@ -118,8 +117,6 @@ def _stop_along(
     limits: JointLimits,
     settings: Settings,
     time_left: float,
-    *,
-    stamp: bool,
 ) -> Stop:
     """Stop a robot that follows its motion."""
     following, now, period = where.following, where.now, settings.sample_period
@@ -132,7 +129,7 @@ def _stop_along(
         found = next((brake for brake, check in quickest if not check.violations), None)
         if found is not None and found.duration < stop.duration:
             stop, said = found, "off its path"
-    joined = continued(stop, place, following, now, stamp=stamp)
+    joined = continued(stop, place, following, now, stamp=where.may_stamp)
     return f"the robot comes to rest {said} within {joined.sent.duration:.3g} s", joined
 
 

@@ -15,7 +15,6 @@ Four rules, in this order:
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -52,9 +51,6 @@ _AHEAD = 0.002
 _MOST_BEFORE = 4
 # Samples of the last moments of a motion, and of a whole path.
 _N_MOMENTS, _N_PLACES = 20, 200
-# A robot's own lag is known from so many observations, at this speed [rad/s or m/s] or more; it
-# varies by so much [s].
-_FEWEST_LAGS, _MOST_LAGS, _CLEAR_SPEED, _LAG_SPREAD = 10, 100, 0.1, 0.015
 
 
 class TooLateError(TrajectoryError):
@@ -162,6 +158,7 @@ class How(Enum):
     SCALED = "at another speed"
     BEHIND = "behind its motion"
     HELD = "held"
+    LED = "led to a point"
     OFF = "off its path"
 
 
@@ -175,10 +172,8 @@ class Following:
         The motion.
     how : How
         How the robot follows it. On time, and at another speed, its command is known.
-    time, place : float
-        The place of the command on the motion at a time [s].
-    rate, change : float
-        Speed of the place, and the rate at which that changes [1/s].
+    time, place, rate : float
+        The place of the command on the motion at a time [s], and the speed of that place.
     distance : float
         Largest distance of a joint from the motion [rad or m].
     joint : str
@@ -195,14 +190,10 @@ class Following:
     distance: float
     joint: str
     at_rest: bool
-    change: float = 0.0
 
     def at(self, time: float) -> float:
         """The place at another time [s]."""
-        since = time - self.time
-        if self.change < 0.0:  # a robot that slows down stops; it does not reverse
-            since = min(since, -self.rate / self.change)
-        return self.place + self.rate * since + 0.5 * self.change * since**2
+        return self.place + self.rate * (time - self.time)
 
     @property
     def is_over(self) -> bool:
@@ -230,12 +221,15 @@ class Where:
     following : Following or None
         How the robot follows the motion that was published last, or the one before if the
         controller has not taken that one; None if there is none.
+    may_stamp : bool
+        Whether motions may be stamped.
     """
 
     now: float
     measured: MeasuredState
     command: StatedCommand | None
     following: Following | None
+    may_stamp: bool
 
     @property
     def at_rest(self) -> bool:
@@ -271,10 +265,6 @@ class Tracker:
         self._before: list[PublishedMotion] = []
         # Whether it was seen to.
         self._is_lossy = False
-        self._lags: deque[float] = deque(maxlen=_MOST_LAGS)
-        # Until it was at rest again, a robot that is slowed looks like one with slow servos.
-        self._is_lag_known = False
-        self._observed = -math.inf
 
     def expect(self, joint_names: tuple[str, ...]) -> None:
         """Set the joints whose state is needed; states and motions of others are forgotten."""
@@ -313,7 +303,8 @@ class Tracker:
         if self.motion is not None and now < self.motion.began - 1.0:
             self.motion, self._before = None, []  # time was set back
         following = self._followed(now, measured, command, settings)
-        return Where(now, measured, command, following)
+        may_stamp = settings.stamp_trajectories and self.measured.stamps.is_usable
+        return Where(now, measured, command, following, may_stamp)
 
     def _followed(
         self, now: float, measured: MeasuredState, command: StatedCommand | None, settings: Settings
@@ -321,15 +312,8 @@ class Tracker:
         """How the newest motion is followed, or one before if the robot is on that instead."""
         if self.motion is None:
             return None
-        longest = settings.servo_lag
-        if len(self._lags) >= _FEWEST_LAGS:
-            usual = sorted(self._lags)[3 * len(self._lags) // 4]
-            longest = min(longest, usual)
-            self._is_lag_known |= measured.at_rest
-        arguments = now, measured, command, settings, longest
+        arguments = now, measured, command, settings
         found = _follow(self.motion, *arguments)
-        if found.how is How.ON_TIME and command is None:
-            self._observe_lag(found, measured, settings)
         is_known = (How.ON_TIME, How.SCALED)
         before = [_follow(motion, *arguments) for motion in self._before]
         possible = [one for one in before if one.how in is_known]
@@ -341,36 +325,16 @@ class Tracker:
             return found
         if not possible:
             return found
+        if found.how is How.LED:  # at first, that is near the motion before, too
+            return found
         if command is None and measured.time <= self.motion.time:
             # A state of before the motion was sent says nothing on it.
-            near = possible[0]
-            known = {"how": near.how, "distance": near.distance, "joint": near.joint}
-            return replace(found, place=now - self.motion.began, rate=1.0, **known)
+            place = now - self.motion.began
+            return replace(possible[0], motion=self.motion, place=place, rate=1.0)
         if possible[0].is_over and not measured.at_rest and found.how is How.BEHIND:
             return found  # it has left the end of the one before
         self._is_lossy = True
         return possible[0]
-
-    def check_lag(self) -> None:
-        """Raise an `UnconfirmedError` if a robot lags that may be slowed, for all that is known."""
-        if not self._is_lag_known and self._lags and self._lags[-1] > _LAG_SPREAD:
-            raise UnconfirmedError(
-                "the robot lags, and whether it usually does is known after its first motion only; "
-                "send the goal again when it is at rest"
-            )
-
-    def _observe_lag(
-        self, following: Following, measured: MeasuredState, settings: Settings
-    ) -> None:
-        """Note by how much a robot lags behind a motion that it follows."""
-        if measured.time - self._observed < _AHEAD:
-            return
-        self._observed = measured.time
-        lags = np.linspace(0.0, settings.servo_lag, 4 * _N_MOMENTS)
-        q, v, _ = following.motion.sample(measured.time - following.motion.began - lags)
-        k = int(np.square(q - measured.positions).sum(axis=1).argmin())
-        if np.abs(v[k]).max() >= _CLEAR_SPEED:
-            self._lags.append(float(lags[k]))
 
 
 def _follow(
@@ -379,9 +343,8 @@ def _follow(
     measured: MeasuredState,
     command: StatedCommand | None,
     settings: Settings,
-    lag: float,
 ) -> Following:
-    """How a robot whose servos lag by so much at most [s] follows a motion."""
+    """How a robot follows a motion."""
     known = motion.is_path_known
     if command is not None and known:
         stated = _by_command(motion, now, measured, command)
@@ -389,7 +352,7 @@ def _follow(
             return stated
     # Where the motion was in the last moments, by the clock.
     then = measured.time - motion.began
-    moments = np.linspace(then - lag - _LAG_SPREAD, then + _AHEAD, _N_MOMENTS)
+    moments = np.linspace(then - settings.servo_lag, then + _AHEAD, _N_MOMENTS)
     q, _, _ = motion.sample(moments)
     low, high = q.min(axis=0), q.max(axis=0)
     away = np.maximum(np.maximum(low - measured.positions, measured.positions - high), 0.0)
@@ -402,6 +365,8 @@ def _follow(
     is_there = known or (measured.at_rest and then >= motion.duration)
     if is_near and is_there and command is None:
         return _seen(motion, How.ON_TIME, now, place, 1.0, q, measured)
+    if is_near and not known and not measured.at_rest:
+        return _seen(motion, How.LED, now, place, 0.0, q, measured)
     places = np.linspace(0.0, motion.duration, _N_PLACES)
     path, _, _ = motion.sample(places)
     k = int(np.abs(path - measured.positions).max(axis=1).argmin())
@@ -420,14 +385,13 @@ def _seen(
     rate: float,
     near: FloatArray,
     measured: MeasuredState,
-    change: float = 0.0,
 ) -> Following:
     """How a robot follows a motion, with its distance from the nearest of some positions."""
     away = np.abs(near - measured.positions)
     away = away[away.max(axis=1).argmin()]
     worst = int(away.argmax())
     joint, distance = measured.state.joint_names[worst], float(away[worst])
-    return Following(motion, how, now, place, rate, distance, joint, measured.at_rest, change)
+    return Following(motion, how, now, place, rate, distance, joint, measured.at_rest)
 
 
 def _by_command(
@@ -442,9 +406,7 @@ def _by_command(
     rate = 0.0 if command.at_rest and not at_end else command.rate
     if at_end:  # there, time goes on
         place, rate = max(place, by_clock), 1.0
-    since = now - command.time
-    change = command.change if rate and not at_end else 0.0
-    place += rate * since + 0.5 * change * since**2
+    place += rate * (now - command.time)
     is_full = abs(rate - 1.0) <= _FULL_RATE
     how = How.ON_TIME if is_full else How.SCALED
     if not at_end and command.at_rest and measured.at_rest and by_clock > 0.0:
@@ -454,7 +416,7 @@ def _by_command(
     # The measured state lags behind the command.
     moments = np.linspace(by_clock - 0.2, by_clock, _N_MOMENTS) + (place - (now - motion.began))
     q, _, _ = motion.sample(moments)
-    return _seen(motion, how, now, place, rate, q, measured, change)
+    return _seen(motion, how, now, place, rate, q, measured)
 
 
 def _nearest(motion: PublishedMotion, positions: FloatArray, guess: float) -> float | None:
@@ -483,8 +445,6 @@ class MotionStart:
         The state.
     following : Following or None
         The motion that the robot follows; None at a rest off any motion.
-    last : PublishedMotion or None
-        The motion that was published last, whether the robot follows it or not.
     place : float
         The place of the state on the motion that is followed [s].
     time : float
@@ -495,21 +455,18 @@ class MotionStart:
 
     state: JointState
     following: Following | None
-    last: PublishedMotion | None
     place: float
     time: float
     measured: MeasuredState
 
 
-def choose_start(where: Where, tracker: Tracker, settings: Settings, latency: float) -> MotionStart:
+def choose_start(where: Where, settings: Settings, latency: float) -> MotionStart:
     """Choose the start of the next motion by the four rules.
 
     Parameters
     ----------
     where : Where
         Where the robot is.
-    tracker : Tracker
-        Has the motion that was published last.
     settings : Settings
         With `start_from`.
     latency : float
@@ -527,8 +484,6 @@ def choose_start(where: Where, tracker: Tracker, settings: Settings, latency: fl
         if settings.start_from == MEASURED:
             raise GoalError(_motion_refusal(where, settings))
         check_joinable(where)
-        if where.command is None:
-            tracker.check_lag()
         then = now + latency + 2.0 * TRANSPORT
         expected = following.at(then)
         place, end = following.motion.near_point(expected), following.motion.duration
@@ -536,7 +491,7 @@ def choose_start(where: Where, tracker: Tracker, settings: Settings, latency: fl
         place = end if place > end - _LAST else place
         then += place - expected
         state = following.motion.state(place)
-        return MotionStart(state, following, tracker.motion, place, then, where.measured)
+        return MotionStart(state, following, place, then, where.measured)
     measured = where.measured
     names, here, held = measured.state.joint_names, measured.positions, None
     if settings.start_from != MEASURED and following is not None and following.is_over:
@@ -546,12 +501,10 @@ def choose_start(where: Where, tracker: Tracker, settings: Settings, latency: fl
     elif not where.at_rest:
         raise GoalError(_motion_refusal(where, settings))
     place = following.place if held is not None and following is not None else 0.0
-    return MotionStart(JointState(names, here), held, tracker.motion, place, now, measured)
+    return MotionStart(JointState(names, here), held, place, now, measured)
 
 
-def join(
-    rest: Trajectory, start: MotionStart, where: Where, tracker: Tracker, settings: Settings
-) -> PublishedMotion:
+def join(rest: Trajectory, start: MotionStart, where: Where) -> PublishedMotion:
     """Join a motion to the present state of the robot.
 
     Parameters
@@ -562,10 +515,6 @@ def join(
         Its start.
     where : Where
         Where the robot is now.
-    tracker : Tracker
-        Has the motion that was published last.
-    settings : Settings
-        With `stamp_trajectories`.
 
     Raises
     ------
@@ -573,12 +522,7 @@ def join(
         If the robot is no longer at its start, or too near to it for a message.
     """
     following, old, now = where.following, start.following, where.now
-    if tracker.motion is not start.last:
-        raise TooLateError(
-            "another motion was published while this one was planned; send the goal again"
-        )
-    may_stamp = settings.stamp_trajectories and tracker.measured.stamps.is_usable
-    begin = PublishedMotion.after_wait if may_stamp else PublishedMotion.on_receipt
+    begin = PublishedMotion.after_wait if where.may_stamp else PublishedMotion.on_receipt
     if old is None or following is None:
         _check_rest(start, where)
         return begin(rest, now)
@@ -591,7 +535,7 @@ def join(
             "send the goal again"
         )
     check_joinable(where)
-    return continued(rest, start.place, following, now, stamp=may_stamp)
+    return continued(rest, start.place, following, now, stamp=where.may_stamp)
 
 
 def continued(
@@ -637,7 +581,7 @@ def check_joinable(where: Where) -> None:
             f"{_MAX_AGE:g} s is accepted while the robot moves; send the goal again"
         )
     is_stopping = following.how is How.SCALED and following.rate < _MIN_RATE
-    if is_stopping or abs(following.change) > _MAX_CHANGE:
+    if is_stopping or (where.command is not None and abs(where.command.change) > _MAX_CHANGE):
         raise UnconfirmedError(
             "the speed of the robot changes (speed scaling); send the goal again when it is steady"
         )

@@ -517,6 +517,23 @@ def test_stop_of_a_robot_that_is_not_heard_of_keeps_the_limits_and_says_what_is_
     assert np.abs(node.commanded - GOAL).max() > 0.05
 
 
+@pytest.mark.parametrize("is_lost", [False, True])
+def test_stop_at_a_point_is_sent_again_only_if_the_robot_is_seen_not_to_go_there(node, is_lost):
+    node.ask(GOAL, duration=2.0)
+    node.run(0.3)
+    node.robot.faults.silent = True
+    node.run(0.55)
+    node.robot.faults.drop = float(is_lost)
+    node.stop()
+    n_sent = len(node.sent)
+    node.run(0.1)
+    node.robot.faults.silent, node.robot.faults.drop = False, 0.0
+    node.run(2.0)
+    assert (len(node.sent) > n_sent) is is_lost
+    assert node.outcomes[-1] == "stopped"
+    assert np.abs(node.commanded - GOAL).max() > 0.01
+
+
 def test_stop_that_no_state_has_shown_yet_is_not_sent_again(node):
     node.ask(GOAL)
     node.run(0.6)

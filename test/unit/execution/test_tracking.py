@@ -96,11 +96,11 @@ class World:
 
     def choose(self, start_from="auto", latency=0.05):
         settings = replace(SETTINGS, start_from=start_from)
-        return choose_start(self.tracker.where(settings), self.tracker, settings, latency)
+        return choose_start(self.tracker.where(settings), settings, latency)
 
     def join(self, rest, start, *, stamp=True):
         settings = replace(SETTINGS, stamp_trajectories=stamp)
-        return join(rest, start, self.tracker.where(settings), self.tracker, settings)
+        return join(rest, start, self.tracker.where(settings))
 
 
 @pytest.fixture
@@ -166,13 +166,6 @@ def test_measured_start_may_move_by_the_tolerance_while_planning(world, moved, a
             world.join(standing(start), start)
 
 
-def test_motion_that_was_planned_before_another_was_published_is_not_joined(world):
-    start = world.choose()
-    world.begin()
-    with pytest.raises(TooLateError, match="another motion was published"):
-        world.join(standing(start), start)
-
-
 @pytest.mark.parametrize(("stamp", "clock_ahead"), [(False, 0.0), (True, 5.0), (True, -5.0)])
 def test_motion_is_not_stamped_unless_that_is_enabled_and_clocks_agree(world, stamp, clock_ahead):
     world.clock_ahead = clock_ahead
@@ -220,12 +213,6 @@ def test_robot_whose_speed_changes_waits():
     world.follow(0.7, lambda time: 1.0 - 0.9 * (time - world.motion.began))
     with pytest.raises(UnconfirmedError, match="speed of the robot changes"):
         world.choose()
-
-
-def test_robot_that_slows_down_stops_and_does_not_go_back(moving):
-    following = replace(moving.where().following, time=0.0, place=0.7, rate=0.1, change=-0.5)
-    assert following.at(0.1) == pytest.approx(0.7 + 0.1 * 0.1 - 0.25 * 0.1**2)
-    assert following.at(0.2) == following.at(5.0) == pytest.approx(0.7 + 0.01)
 
 
 def test_motion_to_a_single_point_is_known_only_at_its_end(world):
