@@ -188,10 +188,10 @@ class Execution:
         """
         ends = self.motion.began + self.motion.duration
         if following is None:
-            if now < ends + _MAX_HOLD:
-                return None
             silence = f"joint_states are silent {_MAX_HOLD:g} s after the end of the motion"
-            return self.given_up(silence)
+            return self.given_up(silence) if now >= ends + _MAX_HOLD else None
+        if following.how is not self._how:
+            self._how, self._since = following.how, now
         if self.is_stop:
             if not (following.at_rest and now >= ends):
                 return None
@@ -205,8 +205,6 @@ class Execution:
         if following.distance > self._largest_deviation:
             self._largest_deviation = following.distance
             self._deviation_time = now - self.motion.time
-        if following.how is not self._how:
-            self._how, self._since = following.how, now
         return self._judge(following, now)
 
     def is_lost(self, following: Following | None, now: float) -> bool:
@@ -219,10 +217,8 @@ class Execution:
             return True
         if following.is_over:  # its servos follow
             return False
-        if following.how is not self._how:
-            self._how, self._since = following.how, now
         ends = self.motion.began + self.motion.duration
-        is_off = self._how in (How.OFF, How.BEHIND) and self.motion.is_path_known
+        is_off = following.how in (How.OFF, How.BEHIND) and self.motion.is_path_known
         return now > ends + _STOP_MARGIN or (is_off and now - self._since >= _STOP_AWAY)
 
     def _judge(self, following: Following, now: float) -> ExecutionReport | None:
@@ -233,22 +229,19 @@ class Execution:
                 return None  # the result of the controller comes a little later
             text = f"arrived: the largest error is {away}"
             return self._end(MotionOutcome.ARRIVED, self._with_reason(text))
+        is_held, outcome = following.how is How.HELD, MotionOutcome.NOT_FOLLOWED
         is_at_start = not self._has_left(following.place) and self._has_left(math.inf)
-        is_waiting = self._how is How.HELD and is_at_start and duration > START_DELAY
-        if is_waiting and self._would_have_left(now):
+        if is_held and is_at_start and duration > START_DELAY and self._would_have_left(now):
             return self._never_started(now)
-        if self._how is How.OFF and duration > _AWAY:
-            return self._end(
-                MotionOutcome.NOT_FOLLOWED,
-                f"not followed: the deviation from the path is {away}; the largest one was "
-                f"{self._largest_deviation:.3g}, {self._deviation_time:.2f} s after publishing",
+        if following.how is How.OFF and duration > _AWAY:
+            largest = (
+                f"{self._largest_deviation:.3g}, {self._deviation_time:.2f} s after publishing"
             )
-        if self._how is How.HELD and duration > _MAX_HOLD:
-            return self._end(
-                MotionOutcome.NOT_FOLLOWED,
-                f"not followed: the robot has rested at {self._share:.0%} of the motion for more "
-                f"than {_MAX_HOLD:g} s",
-            )
+            text = f"the deviation from the path is {away}; the largest one was {largest}"
+            return self._end(outcome, f"not followed: {text}")
+        if is_held and duration > _MAX_HOLD:
+            text = f"rested at {self._share:.0%} of the motion for more than {_MAX_HOLD:g} s"
+            return self._end(outcome, f"not followed: the robot has {text}")
         return None
 
     def _never_started(self, now: float) -> ExecutionReport | None:

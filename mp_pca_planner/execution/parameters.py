@@ -50,25 +50,20 @@ def fixed_frames(texts: Sequence[str]) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
     for text in filter(None, texts):
         name, _, numbers = (piece.strip() for piece in text.partition(":"))
-        values = _numbers(numbers)
+        try:
+            values = [float(word) for word in numbers.replace(",", " ").split()]
+        except ValueError:
+            values = []
         values += [0.0, 0.0, 0.0, 1.0] * (len(values) == 3)
         length = math.hypot(*values[3:])
-        if not name or name in found or len(values) != 7 or abs(length - 1.0) > 1e-3:
+        is_pose = len(values) == 7 and abs(length - 1.0) <= 1e-3 and math.isfinite(sum(values))
+        if not name or name in found or not is_pose:
             raise PlannerError(
                 f"parameter 'fixed_frames': '{text:.80}' is not accepted; expected each frame once "
                 "as FRAME: X Y Z, or FRAME: X Y Z QX QY QZ QW with a quaternion of length 1"
             )
         found[name] = [*values[:3], *(value / length for value in values[3:])]
     return found
-
-
-def _numbers(text: str) -> list[float]:
-    """The finite numbers of a text, separated by spaces or commas; none if one is not."""
-    try:
-        values = [float(word) for word in text.replace(",", " ").split()]
-    except ValueError:
-        return []
-    return values if all(map(math.isfinite, values)) else []
 
 
 AUTO = "auto"
@@ -405,15 +400,11 @@ DECLARATIONS: tuple[Declaration, ...] = tuple(
 
 def limit_declarations(joint_names: Sequence[str]) -> tuple[Declaration, ...]:
     """Declare the limits of each joint."""
+    text = "Largest {} of joint '{}'; 0: as in the limits file or the URDF."
     return tuple(
-        Declaration(
-            f"{LIMITS_PREFIX}{joint}.{quantity}",
-            0.0,
-            f"Largest {quantity_text} of joint '{joint}'; 0: as in the limits file or the URDF.",
-            high=1e9,
-        )
+        Declaration(f"{LIMITS_PREFIX}{joint}.{name}", 0.0, text.format(what, joint), high=1e9)
         for joint in joint_names
-        for quantity, quantity_text in _LIMIT_QUANTITIES.items()
+        for name, what in _LIMIT_QUANTITIES.items()
     )
 
 

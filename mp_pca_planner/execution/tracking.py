@@ -15,6 +15,7 @@ Four rules, in this order:
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -51,6 +52,9 @@ _AHEAD = 0.002
 _MOST_BEFORE = 4
 # Samples of the last moments of a motion, and of a whole path.
 _N_MOMENTS, _N_PLACES = 20, 200
+# A robot's own lag is known from so many observations, at this speed [rad/s or m/s] or more; it
+# varies by so much [s].
+_FEWEST_LAGS, _MOST_LAGS, _CLEAR_SPEED, _LAG_SPREAD = 10, 100, 0.1, 0.015
 
 
 class TooLateError(TrajectoryError):
@@ -172,8 +176,10 @@ class Following:
         The motion.
     how : How
         How the robot follows it. On time, and at another speed, its command is known.
-    time, place, rate : float
-        The place of the command on the motion at a time [s], and the speed of that place.
+    time, place : float
+        The place of the command on the motion at a time [s].
+    rate, change : float
+        Speed of the place, and the rate at which that changes [1/s].
     distance : float
         Largest distance of a joint from the motion [rad or m].
     joint : str
@@ -190,10 +196,14 @@ class Following:
     distance: float
     joint: str
     at_rest: bool
+    change: float = 0.0
 
     def at(self, time: float) -> float:
         """The place at another time [s]."""
-        return self.place + self.rate * (time - self.time)
+        since = time - self.time
+        if self.change < 0.0:  # a robot that slows down stops; it does not reverse
+            since = min(since, -self.rate / self.change)
+        return self.place + self.rate * since + 0.5 * self.change * since**2
 
     @property
     def is_over(self) -> bool:
@@ -223,6 +233,8 @@ class Where:
         controller has not taken that one; None if there is none.
     may_stamp : bool
         Whether motions may be stamped.
+    may_be_slowed : bool
+        Whether the robot lags, and it is not known that it usually does.
     """
 
     now: float
@@ -230,6 +242,7 @@ class Where:
     command: StatedCommand | None
     following: Following | None
     may_stamp: bool
+    may_be_slowed: bool = False
 
     @property
     def at_rest(self) -> bool:
@@ -265,6 +278,10 @@ class Tracker:
         self._before: list[PublishedMotion] = []
         # Whether it was seen to.
         self._is_lossy = False
+        # Until it was at rest again, a robot that is slowed looks like one with slow servos.
+        self._lags: deque[float] = deque(maxlen=_MOST_LAGS)
+        self._is_lag_known = False
+        self._observed = -math.inf
 
     def expect(self, joint_names: tuple[str, ...]) -> None:
         """Set the joints whose state is needed; states and motions of others are forgotten."""
@@ -304,7 +321,8 @@ class Tracker:
             self.motion, self._before = None, []  # time was set back
         following = self._followed(now, measured, command, settings)
         may_stamp = settings.stamp_trajectories and self.measured.stamps.is_usable
-        return Where(now, measured, command, following, may_stamp)
+        lags = bool(self._lags) and self._lags[-1] > _LAG_SPREAD and not self._is_lag_known
+        return Where(now, measured, command, following, may_stamp, lags and command is None)
 
     def _followed(
         self, now: float, measured: MeasuredState, command: StatedCommand | None, settings: Settings
@@ -312,8 +330,14 @@ class Tracker:
         """How the newest motion is followed, or one before if the robot is on that instead."""
         if self.motion is None:
             return None
-        arguments = now, measured, command, settings
+        lag = settings.servo_lag
+        if len(self._lags) >= _FEWEST_LAGS:
+            lag = min(lag, sorted(self._lags)[3 * len(self._lags) // 4])
+            self._is_lag_known |= measured.at_rest
+        arguments = now, measured, command, settings, lag
         found = _follow(self.motion, *arguments)
+        if found.how is How.ON_TIME and command is None:
+            self._observe_lag(found.motion, measured, settings)
         is_known = (How.ON_TIME, How.SCALED)
         before = [_follow(motion, *arguments) for motion in self._before]
         possible = [one for one in before if one.how in is_known]
@@ -336,6 +360,19 @@ class Tracker:
         self._is_lossy = True
         return possible[0]
 
+    def _observe_lag(
+        self, motion: PublishedMotion, measured: MeasuredState, settings: Settings
+    ) -> None:
+        """Note by how much a robot lags behind a motion that it follows."""
+        if measured.time - self._observed < _AHEAD:
+            return
+        self._observed = measured.time
+        lags = np.linspace(0.0, settings.servo_lag, 4 * _N_MOMENTS)
+        q, v, _ = motion.sample(measured.time - motion.began - lags)
+        k = int(np.square(q - measured.positions).sum(axis=1).argmin())
+        if np.abs(v[k]).max() >= _CLEAR_SPEED:
+            self._lags.append(float(lags[k]))
+
 
 def _follow(
     motion: PublishedMotion,
@@ -343,8 +380,9 @@ def _follow(
     measured: MeasuredState,
     command: StatedCommand | None,
     settings: Settings,
+    lag: float,
 ) -> Following:
-    """How a robot follows a motion."""
+    """How a robot whose servos lag by so much at most [s] follows a motion."""
     known = motion.is_path_known
     if command is not None and known:
         stated = _by_command(motion, now, measured, command)
@@ -352,7 +390,7 @@ def _follow(
             return stated
     # Where the motion was in the last moments, by the clock.
     then = measured.time - motion.began
-    moments = np.linspace(then - settings.servo_lag, then + _AHEAD, _N_MOMENTS)
+    moments = np.linspace(then - lag - _LAG_SPREAD, then + _AHEAD, _N_MOMENTS)
     q, _, _ = motion.sample(moments)
     low, high = q.min(axis=0), q.max(axis=0)
     away = np.maximum(np.maximum(low - measured.positions, measured.positions - high), 0.0)
@@ -406,7 +444,8 @@ def _by_command(
     rate = 0.0 if command.at_rest and not at_end else command.rate
     if at_end:  # there, time goes on
         place, rate = max(place, by_clock), 1.0
-    place += rate * (now - command.time)
+    since, change = now - command.time, command.change if rate and not at_end else 0.0
+    place += rate * since + 0.5 * change * since**2
     is_full = abs(rate - 1.0) <= _FULL_RATE
     how = How.ON_TIME if is_full else How.SCALED
     if not at_end and command.at_rest and measured.at_rest and by_clock > 0.0:
@@ -416,7 +455,7 @@ def _by_command(
     # The measured state lags behind the command.
     moments = np.linspace(by_clock - 0.2, by_clock, _N_MOMENTS) + (place - (now - motion.began))
     q, _, _ = motion.sample(moments)
-    return _seen(motion, how, now, place, rate, q, measured)
+    return replace(_seen(motion, how, now, place, rate, q, measured), change=change)
 
 
 def _nearest(motion: PublishedMotion, positions: FloatArray, guess: float) -> float | None:
@@ -484,6 +523,11 @@ def choose_start(where: Where, settings: Settings, latency: float) -> MotionStar
         if settings.start_from == MEASURED:
             raise GoalError(_motion_refusal(where, settings))
         check_joinable(where)
+        if where.may_be_slowed:
+            raise UnconfirmedError(
+                "the robot lags, and whether it usually does is known after its first motion only; "
+                "send the goal again when it is at rest"
+            )
         then = now + latency + 2.0 * TRANSPORT
         expected = following.at(then)
         place, end = following.motion.near_point(expected), following.motion.duration
@@ -581,7 +625,7 @@ def check_joinable(where: Where) -> None:
             f"{_MAX_AGE:g} s is accepted while the robot moves; send the goal again"
         )
     is_stopping = following.how is How.SCALED and following.rate < _MIN_RATE
-    if is_stopping or (where.command is not None and abs(where.command.change) > _MAX_CHANGE):
+    if is_stopping or abs(following.change) > _MAX_CHANGE:
         raise UnconfirmedError(
             "the speed of the robot changes (speed scaling); send the goal again when it is steady"
         )

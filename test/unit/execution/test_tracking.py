@@ -215,6 +215,12 @@ def test_robot_whose_speed_changes_waits():
         world.choose()
 
 
+def test_robot_that_slows_down_stops_and_does_not_go_back(moving):
+    following = replace(moving.where().following, time=0.0, place=0.7, rate=0.1, change=-0.5)
+    assert following.at(0.1) == pytest.approx(0.7 + 0.1 * 0.1 - 0.25 * 0.1**2)
+    assert following.at(0.2) == following.at(5.0) == pytest.approx(0.7 + 0.01)
+
+
 def test_motion_to_a_single_point_is_known_only_at_its_end(world):
     trajectory = minimum_jerk_motion(JOINTS, world.here, (1.0, -1.0), DURATION)
     world.publish(PublishedMotion.to_last_point(trajectory, world.now))
