@@ -156,30 +156,28 @@ class Settings:
     )
     end_effector_frame: str = _declared(
         "",
-        """Link of the robot for pose goals and for the path in the preview; empty: the last link
-        that most joints move.""",
+        """Link for pose goals and for the path in the preview; empty: the last link that most
+        joints move.""",
     )
     limits_file: str = _declared(
         "",
-        """Joint limits in the form of MoveIt's joint_limits.yaml, with max_jerk and max_effort;
-        they override those of the URDF. Empty: none.""",
+        """Joint limits in the form of MoveIt's joint_limits.yaml, with max_jerk and max_effort,
+        instead of those of the URDF. Empty: none.""",
     )
     collision: bool = _declared(
         True,
-        """Enables self-collision avoidance, where the robot description has collision shapes; goals
-        without a collision-free motion are rejected.""",
+        "Enables self-collision avoidance, where the robot description has collision shapes.",
     )
     locked_joints: str = _declared(
         "",
         """Positions of joints that the primitives do not move, name=value,… [rad or m], for those
-        that joint_states lacks. Goals are rejected while the position of such a joint is unknown
-        and makes a difference.""",
+        that joint_states lacks. Goals are rejected while a position that makes a difference is
+        unknown.""",
     )
     fixed_frames: tuple[str, ...] = _declared(
         ("",),
-        """Poses of frames that are not of the robot, such as 'map: 0 0 -0.8' or with a quaternion
-        (FRAME: X Y Z QX QY QZ QW), in the base frame of the robot [m]; for obstacles and pose
-        goals. Further frames are taken from tf2, if it is installed; empty texts are ignored.""",
+        """Poses of frames of obstacles and pose goals that tf2 does not have, such as 'map: 0 0
+        -0.8' (FRAME: X Y Z, or FRAME: X Y Z QX QY QZ QW) in the base frame of the robot [m].""",
     )
     unplaced_obstacles: str = _declared(
         REFUSE,
@@ -189,8 +187,7 @@ class Settings:
     )
     obstacle_margin: float = _declared(
         0.01,
-        """Least clearance from the obstacles of ~/obstacles [m]: what is nearer counts as a
-        collision. Needs collision geometry in the robot description.""",
+        "Least clearance from the obstacles of ~/obstacles [m]: what is nearer is a collision.",
         high=10.0,
     )
     srdf: str = _declared(
@@ -200,49 +197,43 @@ class Settings:
     )
     package_dirs: tuple[str, ...] = _declared(
         ("",),
-        """Folders of the packages with the meshes of the robot description, searched before those
-        of ROS; empty texts are ignored.""",
+        "Folders of the packages with the meshes of the robot description, before those of ROS.",
     )
     start_from: str = _declared(
         AUTO,
-        """Start of a motion: 'auto' (the commanded state if the robot follows a motion of this node
-        or holds its end, else the measured state of a robot at rest), 'measured' (always the
-        measured state; goals are rejected while the robot moves) or 'commanded' (same as
-        'auto').""",
+        """Start of a motion: 'auto' (the commanded state of a robot on a motion of this node, else
+        the measured one at rest), 'measured' (always; goals are rejected while the robot moves) or
+        'commanded' (same as 'auto').""",
         choices=(AUTO, MEASURED, COMMANDED),
     )
     controller_state_topic: str = _declared(
         "",
         """Topic on which the controller states its command
-        (control_msgs/JointTrajectoryControllerState). Empty: 'controller_state' beside the topic of
-        trajectories. Starts, stops and the place on a running motion are taken from it while it is
-        published and control_msgs is installed; else from the published motion.""",
+        (control_msgs/JointTrajectoryControllerState), used where control_msgs is installed. Empty:
+        'controller_state' beside the topic of trajectories.""",
     )
     controller_action: str = _declared(
         "",
-        """Action of the controller (control_msgs/FollowJointTrajectory) to which motions are sent
-        as goals, for example 'arm_controller/follow_joint_trajectory'; empty: motions are sent on
-        the topic of trajectories alone. With an action, that topic gets a copy unless the same
-        controller listens to it.""",
+        """Action of the controller (control_msgs/FollowJointTrajectory) that motions are sent to,
+        for example 'arm_controller/follow_joint_trajectory'; empty: they are sent on the topic
+        alone. Unless the same controller listens to it, the topic gets a copy.""",
     )
     stamp_trajectories: bool = _declared(
         True,
-        """Sets the header stamp of trajectories to the time of their first point, so that the delay
-        of the message causes no jump. A motion from rest then begins with a hold of 20 ms. Not
-        applied if the stamps of joint_states show that the clocks of the robot and of the node
-        differ.""",
+        """Stamps trajectories with the time of their first point, so that the delay of a message
+        causes no jump; a motion from rest begins with a hold of 20 ms. Not applied where the stamps
+        of joint_states show that the clocks of robot and node differ.""",
     )
     following_tolerance: float = _declared(
         0.02,
         """Largest distance [rad or m] of a joint from where the published motion was in the last
-        `servo_lag` seconds at which the robot counts as following it. Without the state of its
-        controller, goals are accepted in motion only while it does.""",
+        `servo_lag` seconds at which the robot counts as following it.""",
         low=1e-4,
         high=10.0,
     )
     servo_lag: float = _declared(
         0.1,
-        """Longest time [s] by which the drives of the robot lag behind their commands.""",
+        "Longest time [s] by which the drives of the robot lag behind their commands.",
         high=1.0,
     )
     state_timeout: float = _declared(
@@ -252,24 +243,22 @@ class Settings:
     )
     duration: float = _declared(
         0.0,
-        """Duration of every motion to a single goal [s]; 0: by the parameter timing, longer if the
-        limits require it. Sequences carry their own times.""",
+        """Duration of motions to a single goal [s]; 0: by the parameter timing. Longer if the
+        limits require it.""",
         high=INPUT_LIMITS.duration,
     )
     naturalness: float = _declared(
         -1.0,
         """Cost of a motion one standard deviation away from the demonstrations, as a share of the
-        predicted motion's effort; 0: least effort alone, whose motions may be far from the
-        demonstrations. Below 0: 1 for goals like the demonstrations, (3 / score)³ for in-span
-        scores above 3.""",
+        predicted motion's effort; 0: least effort alone. Below 0: 1 for goals like the
+        demonstrations, (3 / score)³ for in-span scores above 3.""",
         low=-1.0,
         high=1e6,
     )
     max_in_span_score: float = _declared(
         PlannerOptions.max_in_span_score,
         """Largest accepted in-span score, the distance of a goal and its start from the
-        demonstrations (about 1 is usual, above 3 is unlike them); goals above it are rejected.
-        Also applies to goals in motion and to detours. 0: none.""",
+        demonstrations (about 1 is usual, above 3 is unlike them). 0: none.""",
         high=1e6,
     )
     demonstrated_margin: float = _declared(
@@ -286,16 +275,14 @@ class Settings:
     )
     constraints: str = _declared(
         "",
-        """Constraints on every configuration of a motion, NAME=VALUE;…: upright=FRAME,DEGREES keeps
-        the z axis of a frame within an angle of the vertical (upright=FRAME,DEGREES,X,Y,Z: that
-        axis of the frame). Empty: none.""",
+        """Constraints on every configuration, NAME=VALUE;…: upright=FRAME,DEGREES keeps the z axis
+        of a frame within an angle of the vertical (upright=FRAME,DEGREES,X,Y,Z: that axis).""",
     )
     timing: str = _declared(
         PlannerOptions.timing,
-        """Duration of motions for which none is given: 'demonstrated' (as the demonstrations
-        suggest), 'shortest', 'free' (of least cost), or 'auto' (as demonstrated for goals like the
-        demonstrations; free, but not slower, for in-span scores above 3 and for detours). Sequences
-        are timed as demonstrated.""",
+        """Duration of motions for which none is given: 'demonstrated', 'shortest', 'free' (of least
+        cost), or 'auto' (demonstrated; free, but not slower, for in-span scores above 3 and for
+        detours). Sequences are timed as demonstrated.""",
         choices=TIMINGS,
     )
     max_solve_time: float = _declared(
@@ -317,12 +304,12 @@ class Settings:
     )
     allow_nonzero_end_velocity: bool = _declared(
         False,
-        """Accepts goals with a velocity at the end; set it only if the controller's parameter
-        allow_nonzero_velocity_at_trajectory_end is set, too.""",
+        """Accepts goals with a velocity at the end, which the controller needs to allow, too
+        (allow_nonzero_velocity_at_trajectory_end).""",
     )
     save_folder: str = _declared(
         "",
-        """Folder for the primitive files of ~/save_motion; empty: motions can't be saved.""",
+        "Folder for the primitive files of ~/save_motion; empty: motions can't be saved.",
     )
     limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
