@@ -178,11 +178,8 @@ def as_list(values: Any, what: str, error: type[PlannerError]) -> list[Any]:
 def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> tuple[str, ...]:
     """Return the names as a tuple; reject an empty list, empty names and repetitions."""
     result = tuple(as_list(names, f"{what}: a list of names is needed", error))
-    if not result:
-        raise error(f"{what}: at least one is needed, none was given")
-    for name in result:
-        if not (isinstance(name, str) and name):
-            raise error(f"{what}: names must be non-empty strings, got {shown(result)}")
+    if not result or not all(isinstance(name, str) and name for name in result):
+        raise error(f"{what}: non-empty strings are needed, got {shown(result)}")
     if len(set(result)) < len(result):
         raise error(f"{what}: {quote_names(repeated_names(result))} given more than once")
     return result
@@ -276,11 +273,3 @@ def text_table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:
         ).rstrip()
         for line in lines
     )
-
-
-def short(value: str) -> str:
-    """A value, with four digits if it is a number that is not whole."""
-    try:
-        return value if value.lstrip("-").isdigit() else f"{float(value):.4g}"
-    except ValueError:
-        return value

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import FloatArray, short
+from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError, quote_names
 from ..files import check_writable
 from .terminal import say
@@ -25,16 +25,6 @@ if TYPE_CHECKING:
     from ..robot.model import Robot
 
 Progress = Callable[[int, int], None]
-
-REPORTED = (
-    "status",
-    "effort_cost",
-    "solve_time_s",
-    "duration",
-    "primitive",
-    "in_span_score",
-)
-"""Values of the node's report that are printed by default."""
 
 
 def print_json(content: Any) -> None:
@@ -196,9 +186,3 @@ def usual_ends(ends: FloatArray) -> FloatArray:
     starts = ends[:, 0]
     usual: FloatArray = ends[np.linalg.norm(starts - np.median(starts, axis=0), axis=1).argmin()]
     return usual
-
-
-def reported(values: Mapping[str, str]) -> dict[str, str]:
-    """The values of the node's report that are printed by default; "nan" marks an unknown one."""
-    found = {name: values.get(name, "nan") for name in REPORTED}
-    return {name: short(value) for name, value in found.items() if value != "nan"}

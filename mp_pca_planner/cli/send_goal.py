@@ -12,7 +12,7 @@ from ..arrays import read_numbers
 from ..exceptions import GoalError, quote_names
 from ..execution.outcomes import MotionOutcome
 from ..motion.goal import JointState, Pose
-from .common import print_json, reported, show
+from .common import print_json
 from .goal_arguments import joint_values, pose, sequence_goal
 from .options import add_json, add_node, add_targets, number
 from .terminal import DONE, FAILED, REFUSED, say
@@ -77,7 +77,7 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
     found = answer.report
     facts: dict[str, Any] = {"message": found.message, **answer.values}
     if not arguments.json:
-        show(arguments, {"message": found.message, **reported(answer.values)})
+        say(found.message)
     status = DONE if is_served(found) else FAILED
     margin = arguments.wait or _MARGIN
     execution = None if arguments.wait == 0.0 else client.execution(answer, margin)

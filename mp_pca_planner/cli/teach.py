@@ -22,7 +22,7 @@ from ..teaching.session import (
     hold_dialogue,
     stored_states,
 )
-from .common import check_output, fact_lines, reported
+from .common import check_output
 from .main import run_command
 from .options import add_file, add_node
 from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, say
@@ -109,7 +109,7 @@ def _try(arguments: argparse.Namespace, session: TeachingSession, keys: Keys) ->
                 return DONE
             goals = dict(zip(names, goal.tolist(), strict=True))
             answer = robot.move(arguments.output.stem, goals, arguments.timeout)
-            say(answer.report.message, *fact_lines(reported(answer.values)))
+            say(answer.report.message)
             if not is_served(answer.report):
                 return REFUSED
             execution = robot.execution(answer)

@@ -209,7 +209,7 @@ class PlanPanel:
         if request.pose is not None and self.answer is not None:
             # The search for a pose begins where the last answer ended.
             request = replace(request, goal=self.answer.goal)
-        answer = PlanAnswer(request, request.goal, None, _INTERNAL_ERROR, 0.0)
+        answer = PlanAnswer(request, request.goal, None, _INTERNAL_ERROR)
         with self._stage.caught():
             answer = self._planner.answer(request)
         with self._stage.caught(), self._stage.lock, self._stage.server.atomic():

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -67,15 +66,12 @@ class PlanAnswer:
         Why there is no motion to execute; empty if there is one.
     distance : float
         Distance of the goal from the place to reach, if that is out of reach [m]; else 0.
-    seconds : float
-        Time that the answer took [s].
     """
 
     request: ViewRequest
     goal: FloatArray
     plan: Plan | None
     problem: str
-    seconds: float
     distance: float = 0.0
 
 
@@ -97,12 +93,10 @@ class InteractivePlanner:
 
     def answer(self, request: ViewRequest) -> PlanAnswer:
         """Plan the motion of a request; a goal that can't be served is an answer, too."""
-        began = time.perf_counter()
         names = self._content.robot.joint_names
         start = JointState(names, request.start)
         reached, distance = request.goal, 0.0
-        plan = None
-        problem = ""
+        plan, problem = None, ""
         try:
             self._use_world(request.world)
             if request.pose is not None:
@@ -114,8 +108,7 @@ class InteractivePlanner:
             problem = "" if is_served else plan.message
         except PlannerError as error:
             problem = str(error)
-        seconds = time.perf_counter() - began
-        return PlanAnswer(request, reached, plan, problem, seconds, distance)
+        return PlanAnswer(request, reached, plan, problem, distance)
 
     def _nearest(self, pose: Pose, start: FloatArray) -> tuple[FloatArray, float]:
         """The configuration nearest to a pose, and how far from it that is [m]; 0 if it is reached.
@@ -164,5 +157,5 @@ def answer_html(answer: PlanAnswer) -> str:
         title = "Motion found" if is_fine else "Motion found, not optimal"
         colour = WARNING if unlike or not is_fine else GOOD
         head = part("verdict", title, plan.message, colour)
-    found = f"planned in {1e3 * answer.seconds:.0f} ms with the primitive '{plan.primitive}'"
+    found = f"planned in {1e3 * plan.solve_time:.0f} ms with the primitive '{plan.primitive}'"
     return head + part("lines", [*plan.remarks, found])

@@ -10,9 +10,6 @@ from contextlib import contextmanager
 import rich
 import viser
 
-from ..arrays import check_number
-from ..exceptions import PlannerError
-
 _HOST = "127.0.0.1"
 
 
@@ -26,7 +23,6 @@ class PageServer(viser.ViserServer):
     """
 
     def __init__(self, port: int) -> None:
-        check_number(port, "the port", PlannerError, 0, 65535, is_whole=True)
         with _quiet():
             super().__init__(_HOST, port, label="mp_pca_planner", verbose=False)
 
