@@ -33,6 +33,8 @@ class InputLimits:
         Joints, and points, of a goal of the node.
     goal_bytes : int
         Message of a goal of the node, which answers nothing else while it reads one.
+    marker_bytes : int
+        Message of markers, which workers read in 2 µs per point: enough for `triangles` in colour.
     primitive_bytes : int
         Content of a primitive file; thousands of demonstrations have a few MB.
     segments : int
@@ -76,6 +78,7 @@ class InputLimits:
     state_rate: float = 5000.0
     goal_items: int = 1000
     goal_bytes: int = 200_000
+    marker_bytes: int = 8_000_000
     primitive_bytes: int = 1 << 28
     segments: int = 10_000
     segment_time: float = 1e9

@@ -35,23 +35,6 @@ _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and M
 _MAX_NAME = 500  # characters
 _NOISE = 1e-4  # of the poses of frames [m]
 _LEAST_BYTES = 200  # of a marker without names, points and images
-# The fields of a Marker in CDR, joined where nothing of another length is between: alignment and
-# size [bytes], and whether it is a list of such items; a text is a list of bytes.
-_HEADER, _TEXT = ((4, 8, False), (1, 1, True)), (1, 1, True)
-_POINTS = (8, 24, True)
-_FIELDS = (
-    *_HEADER,
-    _TEXT,  # ns
-    (4, 12, False),  # id, type, action
-    (8, 80, False),  # pose, scale
-    (4, 25, False),  # color, lifetime, frame_locked
-    _POINTS,
-    (4, 16, True),  # colors
-    *(_TEXT, *_HEADER, _TEXT, _TEXT),  # texture_resource, texture
-    (4, 8, True),  # uv_coordinates
-    *(_TEXT, _TEXT, _TEXT, _TEXT),  # text, mesh_resource, mesh_file
-    (1, 1, False),  # mesh_use_embedded_materials
-)
 
 
 def read_markers(content: bytes) -> list[Marker]:
@@ -62,52 +45,17 @@ def read_markers(content: bytes) -> list[Marker]:
     WorldError
         If the message is malformed.
     """
+    if len(content) > INPUT_LIMITS.marker_bytes:
+        raise WorldError(
+            f"the message of markers has {len(content)} bytes, at most "
+            f"{INPUT_LIMITS.marker_bytes} are accepted"
+        )
     # ROS makes room for all markers that are announced, before it reads them.
     n = int.from_bytes(content[4:8], "little")
     if n * _LEAST_BYTES > len(content):
         raise WorldError(f"the message of markers has {len(content)} bytes, too few for {n}")
-    content, points = _without_points(content, n)
     with reading("the message of markers", WorldError):
-        markers = list(deserialize_message(content, MarkerArray).markers)
-    for marker, own in zip(markers, points, strict=False):
-        marker._points = own  # its setter takes lists of Point alone
-    return markers
-
-
-def _without_points(content: bytes, n_markers: int) -> tuple[bytes, list[FloatArray]]:
-    """A message whose lists have an item at most, and the points of its markers.
-
-    rclpy makes an object of each item: 150,000 points take it 0.3 s instead of 1 ms.
-
-    Returns
-    -------
-    content : bytes
-        The message; the one given unless that is plain CDR, little-endian.
-    points : list of arrays, shape (n_points, 3)
-        The points of each marker; none for the message given.
-    """
-    if content[:2] != b"\0\1":
-        return content, []
-    pieces, points, place, begin = list[bytes](), list[FloatArray](), 8, 0
-    for field in n_markers * _FIELDS:
-        alignment, size, is_list = field
-        n, count = 1, place + -place % 4
-        if is_list:
-            n, place = int.from_bytes(content[count : count + 4], "little"), count + 4
-        if n:
-            place += (4 - place) % alignment  # relative to the encapsulation of 4 bytes
-        end = place + n * size
-        if end > len(content):
-            raise WorldError(f"the message of markers ends within its {len(content)} bytes")
-        if field == _POINTS:
-            numbers = np.frombuffer(content, "<f8", 3 * n, place if n else 0)
-            points.append(numbers.astype(float).reshape(-1, 3))
-        if is_list and size > 1 and n > 1:
-            # All items are multiples of 8 bytes, so that with one of them the rest stays aligned.
-            pieces += content[begin:count], b"\1\0\0\0", content[count + 4 : place + size]
-            begin = end
-        place = end
-    return b"".join([*pieces, content[begin:]]), points
+        return list(deserialize_message(content, MarkerArray).markers)
 
 
 def _name(marker: Marker) -> str:
@@ -183,8 +131,6 @@ def _shapes(marker: Marker, folders: Sequence[Path]) -> Sequence[Shape]:
 def _points(marker: Marker, most: int) -> FloatArray:
     if len(marker.points) > most:
         raise WorldError(f"it has {len(marker.points)} points, at most {most} are accepted")
-    if isinstance(marker.points, np.ndarray):
-        return marker.points
     return np.reshape([(p.x, p.y, p.z) for p in marker.points], (-1, 3))
 
 
