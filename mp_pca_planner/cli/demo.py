@@ -20,9 +20,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-import numpy as np
-
-from ..arrays import FloatArray, by_name, text_table
+from ..arrays import FloatArray, by_name
+from ..execution.outcomes import MotionOutcome
 from ..files import config_file
 from ..motion.trajectory import Trajectory
 from ..plotting.motion import motion_figure
@@ -41,8 +40,6 @@ from .main import run_command
 from .terminal import DONE, FAILED, say
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_HEADER = ["goal", "duration [s]", "effort [N²m²s]", "solve [ms]", "goal to trajectory [ms]"]
-_HEADER += ["arrival error [mrad]", "outcome"]
 # Numbers of recorded motions and of goals; the robot returns after each goal.
 _N_DEMONSTRATIONS, _N_GOALS = 30, 6
 # Seed of the goals, which are ends of motions that are not among the demonstrations.
@@ -106,7 +103,6 @@ def _learn(bag: Path, file: Path, robot: Robot) -> MovementPrimitive:
 
 def _pipeline(folder: Path) -> int:
     """Record, learn, send goals over topics and draw."""
-    from ..execution.outcomes import MotionOutcome
     from ..ros.client import this_machine_only
 
     require_matplotlib()
@@ -126,15 +122,15 @@ def _pipeline(folder: Path) -> int:
     simulation = ["simulate", "--robot", str(arm), "--start", start]
     record = ["--record", str(folder / "commands.npz"), "--force"]
     with _children(node, [*simulation, *record]):
-        rows, motions = _execute([q for _, goal in ends for q in (goal, home)])
-    say(*text_table(rows, header=_HEADER).splitlines(), "", f"4. Drawing into {folder}")
+        motions, has_arrived = _execute([q for _, goal in ends for q in (goal, home)])
+    say("", f"4. Drawing into {folder}")
     with picture(folder / "primitive.png", force=True) as figure:
         primitive_figure(figure, primitive, title="Demonstrations and components")
     if motions:
         with picture(folder / "motion.png", force=True) as figure:
             title = "Motion to the first goal"
             motion_figure(figure, motions[0], title, robot.limits())
-    return DONE if all(row[-1] == MotionOutcome.ARRIVED for row in rows) else FAILED
+    return DONE if has_arrived else FAILED
 
 
 @contextmanager
@@ -175,29 +171,27 @@ def _children(*commands: Sequence[str]) -> Iterator[None]:
                 process.wait()
 
 
-def _execute(goals: Sequence[FloatArray]) -> tuple[list[list[str]], list[Trajectory]]:
-    """Send goals one after the other; returns rows of a table, and motions."""
+def _execute(goals: Sequence[FloatArray]) -> tuple[list[Trajectory], bool]:
+    """Send goals one after the other; returns the motions, and whether the robot always arrived."""
     from sensor_msgs.msg import JointState
 
     from ..ros.client import READY, GoalClient, report_values
     from ..ros.messages import to_trajectory
 
-    rows, motions = list[list[str]](), list[Trajectory]()
+    motions, has_arrived = list[Trajectory](), True
     with GoalClient() as client:
         client.wait_for_node()
         client.wait_for_diagnostics(lambda values: values["text"] == READY)
-        for goal in goals:
+        for number, goal in enumerate(goals, start=1):
             message = JointState(name=list(JOINT_NAMES), position=goal.tolist())
             message.header.stamp = client.node.get_clock().now().to_msg()
             answer = client.send(message)
-            execution, end = client.execution(answer), {"outcome": answer.report.message}
-            if execution is not None:
-                end = report_values(execution)
-            if answer.trajectory is not None:
+            execution, took, outcome = client.execution(answer), "", ""
+            if answer.trajectory is not None and answer.latency is not None:
                 motions.append(to_trajectory(answer.trajectory))
-            values = answer.values | end | {"latency": answer.latency or "nan"}
-            names = ("duration", "effort_cost", "solve_time_s", "latency", "error")
-            numbers = np.array([float(values.get(name, "nan")) for name in names])
-            shown = numbers * [1.0, 1.0, 1e3, 1e3, 1e3]
-            rows.append([str(len(rows) + 1), *(f"{x:.2f}" for x in shown), end["outcome"]])
-    return rows, motions
+                took = f" (received after {1e3 * answer.latency:.0f} ms)"
+            if execution is not None:
+                outcome = report_values(execution)["outcome"]
+            has_arrived &= outcome == MotionOutcome.ARRIVED
+            say(f"   goal {number}: {answer.report.message}{took}; {outcome}")
+    return motions, has_arrived
