@@ -35,9 +35,9 @@ from .options import (
     add_report,
     add_units,
     name_list,
+    number,
     reading_options,
     seconds,
-    whole,
 )
 from .terminal import DONE, complain, say
 
@@ -70,7 +70,9 @@ def _add_recordings(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--max-gap", metavar="S", type=seconds, help=help_text)
     workers = group.add_mutually_exclusive_group()
     help_text = "number of recordings to read at the same time"
-    workers.add_argument("--jobs", metavar="N", type=whole(1, 1024), default=1, help=help_text)
+    workers.add_argument(
+        "--jobs", metavar="N", type=number(1, 1024, kind=int), default=1, help=help_text
+    )
     help_text = "scheduler tcp://HOST:PORT of a Dask cluster that reads them"
     workers.add_argument("--dask", metavar="ADDRESS", help=help_text)
 

@@ -17,7 +17,7 @@ from types import ModuleType
 
 from .. import __version__
 from ..exceptions import MissingDependencyError, PlannerError, unknown_name
-from .terminal import DEBUG, DEBUG_HELP, PROGRAM, Parser, UsageError, guard
+from .terminal import DEBUG, PROGRAM, Parser, UsageError, guard
 
 _ROS = "--ros-args"
 
@@ -149,7 +149,7 @@ def parser_with(name: str) -> argparse.ArgumentParser:
         own = commands.add_parser(command, allow_abbrev=False)
         if command == name:
             _module(name).add_arguments(own)
-            own.add_argument(DEBUG, action="store_true", help=DEBUG_HELP)
+            own.add_argument(DEBUG, action="store_true", help="print the traceback of an error")
     return parser
 
 

@@ -24,30 +24,21 @@ class Stop(str):
     """A value of ``--stop`` among those of ``--via``."""
 
 
-def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
-    """Type of numbers within bounds."""
+def number(
+    low: float, high: float, unit: str = "", kind: type[float] = float
+) -> Callable[[str], float]:
+    """Type of numbers within bounds; of whole ones if the kind is int."""
 
     def parse(text: str) -> float:
         try:
-            value = float(text)
+            value = kind(text)
         except ValueError:
             value = math.nan
         if not low <= value <= high:
-            expected = f"a number from {low:g} to {high:g} {unit}".rstrip()
+            word = "a whole number" if kind is int else "a number"
+            expected = f"{word} from {low:g} to {high:g} {unit}".rstrip()
             raise ArgumentTypeError(f"'{text}' is not {expected}")
         return value
-
-    return parse
-
-
-def whole(low: int, high: int) -> Callable[[str], int]:
-    """Type of whole numbers within bounds."""
-
-    def parse(text: str) -> int:
-        # Longer numbers exceed every bound and are slow to convert.
-        if not (text.isdecimal() and len(text) < 20 and low <= int(text) <= high):
-            raise ArgumentTypeError(f"'{text}' is not a whole number from {low} to {high}")
-        return int(text)
 
     return parse
 

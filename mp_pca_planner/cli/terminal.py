@@ -17,7 +17,6 @@ from ..exceptions import PlannerError, printable
 PROGRAM = "mp-pca"
 DONE, FAILED, REFUSED = 0, 1, 2
 DEBUG = "--debug"
-DEBUG_HELP = "print the traceback of an error"
 
 
 class UsageError(PlannerError):

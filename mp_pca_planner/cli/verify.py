@@ -17,7 +17,7 @@ from ..primitives.file import save_primitive
 from ..robot.model import Robot
 from .common import check_output, show
 from .goal_arguments import joint_values
-from .options import add_file, add_report, add_request, number, whole
+from .options import add_file, add_report, add_request, number
 from .plan import plan_request
 from .terminal import DONE, FAILED
 
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     errors.add_argument("--friction", metavar="VALUES", default="0", help=help_text)
     help_text = "inertias of the rotors, likewise [kg·m² or kg] (default: 0)"
     errors.add_argument("--armature", metavar="VALUES", default="0", help=help_text)
-    trials = whole(1, 100_000)
+    trials = number(1, 100_000, kind=int)
     help_text = "simulations (default: %(default)s)"
     errors.add_argument("--trials", metavar="N", type=trials, default=100, help=help_text)
 

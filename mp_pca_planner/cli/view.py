@@ -17,7 +17,7 @@ from ..robot.model import Robot
 from ..robot.world import World
 from .common import robot_of
 from .example_robots import demonstrations_of
-from .options import SCENE, add_file, add_robot_files, limits_given, whole
+from .options import SCENE, add_file, add_robot_files, limits_given, number
 from .terminal import DONE, say
 
 
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot_files(parser, is_needed=False)
     add_file(parser, "--obstacles", "FILE", SCENE)
     help_text = "port, or the first free one after it; 0: any (default: %(default)s)"
-    parser.add_argument("--port", type=whole(0, 65535), default=8080, help=help_text)
+    parser.add_argument("--port", type=number(0, 65535, kind=int), default=8080, help=help_text)
 
 
 def run(arguments: argparse.Namespace) -> int:
