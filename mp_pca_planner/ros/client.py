@@ -31,8 +31,7 @@ from ..recordings.joint_states import NS_PER_S
 from ..robot.world import World
 from .goals import GOAL_TOPICS
 from .messages import to_stamp_text
-from .node import NODE_NAME
-from .nodes import LATCHED
+from .nodes import LATCHED, NODE_NAME
 from .world_markers import to_obstacle_markers
 
 # A client that is busy for a while must not lose messages.

@@ -67,6 +67,7 @@ from .nodes import (
     GOALS,
     LATCHED,
     LOG_PERIOD,
+    NODE_NAME,
     STATES,
     PolledSubscription,
     message_age,
@@ -77,8 +78,6 @@ from .parameters import NodeParameters
 from .serialised import serialize_trajectory
 from .worker import PLANNER, InternalError, KeepMotion, Preview, ShowMotion, trace_of
 from .workers import Workers
-
-NODE_NAME = "mp_pca_planner"
 
 _TICK, _TIDY = 0.05, 0.1  # periods [s]
 # Messages of markers that may wait for a worker: others wait in the middleware.

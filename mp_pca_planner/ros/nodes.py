@@ -18,6 +18,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from ..exceptions import PlannerError
 
+NODE_NAME = "mp_pca_planner"
+"""Name of the planner's node, unless it is another one."""
+
 Taken = tuple[bytes, dict[str, int]]
 """A serialised message and what the middleware knows of it."""
 
