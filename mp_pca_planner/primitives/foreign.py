@@ -25,8 +25,6 @@ spatial = LazyModule("scipy.spatial")
 _MIN_RECORDINGS = 4
 # Of more recordings, each is compared with all, itself included.
 _MAX_LEFT_OUT = 200
-# Largest number of motions that are compared; of more an even choice is.
-_MAX_MOTIONS = 10_000
 # Variance in every direction, as a share of the variance of a joint.
 _PRIOR = 0.05
 # Robust standard deviations over which a recording is far: of the logarithmic distance of its usual
@@ -62,10 +60,6 @@ def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> list[tupl
     found :
         The names of these recordings, each with the reason why it is named.
     """
-    n_motions = len(statistics.durations)
-    if n_motions > _MAX_MOTIONS:
-        chosen = np.linspace(0, n_motions - 1, _MAX_MOTIONS).round().astype(np.intp)
-        statistics = statistics.chosen(chosen)
     recordings = np.array([motion["recording"] for motion in statistics.sources])
     ends = statistics.boundary_states[:, [0, 3]]
     curves = np.concatenate(

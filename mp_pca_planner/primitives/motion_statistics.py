@@ -8,7 +8,7 @@ Samples are not kept: a shape becomes its coefficients in the polynomials of the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -160,13 +160,6 @@ class MotionStatistics:
         # The functions of the shapes are alternately even and odd.
         reversed_shapes = self.shapes * (-1.0) ** np.arange(self.shapes.shape[2])
         return np.array([self.shapes, reversed_shapes]).reshape(2, len(self.durations), -1)
-
-    def chosen(self, which: Sequence[int] | NDArray[np.intp]) -> MotionStatistics:
-        """The statistics of some of the demonstrations, by index."""
-        indices = np.asarray(which, dtype=np.intp)
-        arrays = {x.name: getattr(self, x.name)[indices] for x in fields(self)[1:-1]}
-        sources = tuple(self.sources[i] for i in indices)
-        return MotionStatistics(self.joint_names, **arrays, sources=sources)
 
 
 def thinned(requests: FloatArray) -> NDArray[np.intp]:

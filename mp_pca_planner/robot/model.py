@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -130,7 +130,9 @@ class Robot:
         self._order = JointOrder(model, names)
         links = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
         self.frame_names = tuple(link.name for link in links)
-        self.end_effector = max(reversed(links), key=partial(_depth, model)).name
+        # The number of joints that move a link is that of those that support its own.
+        depths = [len(model.supports[link.parentJoint]) for link in reversed(links)]
+        self.end_effector = links[-1 - int(np.argmax(depths))].name
         types = description.types
         self.continuous = np.array([types[name] == "continuous" for name in names])
         self.continuous.setflags(write=False)
@@ -777,11 +779,3 @@ def _movable(names: Sequence[str], movable: Sequence[str], source: str) -> tuple
         if name not in movable:
             raise RobotError(f"{source}: {unknown_name('movable joint', name, movable)}")
     return tuple(names)
-
-
-def _depth(model: Any, link: Any) -> int:
-    """Number of joints that move a link."""
-    joint, depth = link.parentJoint, 0
-    while joint > 0:
-        joint, depth = int(model.parents[joint]), depth + 1
-    return depth
