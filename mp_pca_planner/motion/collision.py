@@ -354,9 +354,12 @@ def _are_apart(tree: JointTree, links: Bodies, pairs: Indices, q: FloatArray) ->
 
     near = touching(links, np.arange(len(pairs)))
     # Hulls may touch where the meshes in their place don't.
-    used, every = np.unique(pairs[near]), enumerate(zip(links.shapes, links.meshes, strict=True))
-    shapes = [mesh.surface if mesh and i in used else shape for i, (shape, mesh) in every]
-    exact = replace(links, shapes=tuple(shapes), are_convex=np.zeros_like(links.are_convex))
+    used = np.unique(pairs[near])
+    meshes = [
+        body._replace(shape=body.mesh.surface) if body.mesh and i in used else body
+        for i, body in enumerate(links.parts)
+    ]
+    exact = Bodies(links.model, meshes)
     are_apart = np.ones(len(pairs), dtype=bool)
     are_apart[touching(exact, near)] = False
     return are_apart

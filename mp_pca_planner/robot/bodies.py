@@ -4,13 +4,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError, WorldError, unknown_name
@@ -22,16 +20,38 @@ from .world import Box, Capsule, Cylinder, Mesh, Shape, Sphere, World
 
 coal, pin = LazyModule("coal"), LazyModule("pinocchio")
 
-Solid = tuple[Any, Any, MeshSolid | None]
-"""A shape for the distance library, its convex hull (the same object if it is convex), and the
-mesh that both are made of."""
+
+class Body(NamedTuple):
+    """A shape fixed to a joint.
+
+    Attributes
+    ----------
+    name : str
+        The link or obstacle that it belongs to.
+    joint : int
+        The joint of the model that it moves with; 0 for the base.
+    place : pinocchio.SE3
+        Its pose in the frame of the joint.
+    shape, hull : coal.CollisionGeometry
+        The shape, and its convex hull: the same object if it is convex.
+    mesh : MeshSolid or None
+        The mesh that both are made of.
+    """
+
+    name: str
+    joint: int
+    place: Any
+    shape: Any
+    hull: Any
+    mesh: MeshSolid | None = None
 
 
-def solid_of_shape(shape: Shape) -> Solid:
-    """The shape for the distance library."""
+def _body(name: str, joint: int, place: Any, shape: Shape) -> Body:
+    """A shape for the distance library."""
     if isinstance(shape, Mesh):
         mesh = shape.solid
-        return mesh.hull if mesh.is_convex else mesh.surface, mesh.hull, mesh
+        surface = mesh.hull if mesh.is_convex else mesh.surface
+        return Body(name, joint, place, surface, mesh.hull, mesh)
     if isinstance(shape, Box):
         body = coal.Box(*shape.size)
     elif isinstance(shape, Sphere):
@@ -41,7 +61,7 @@ def solid_of_shape(shape: Shape) -> Solid:
     else:
         assert isinstance(shape, Cylinder)
         body = coal.Cylinder(shape.radius, shape.height)
-    return body, body, None
+    return Body(name, joint, place, body, body)
 
 
 def primitive_of(stated: StatedShape) -> Shape:
@@ -61,16 +81,15 @@ def _shape(stated: StatedShape, package_dirs: Sequence[Path]) -> Shape:
     return Mesh(scaled(found.vertices, stated.sizes), found.triangles)
 
 
-@dataclass(frozen=True, eq=False)
 class Bodies:
-    """Shapes fixed to the joints of a model.
+    """Shapes fixed to the joints of a model, as arrays.
 
     Attributes
     ----------
     model : pinocchio.Model
         The model.
-    shapes, hulls : tuple of coal.CollisionGeometry
-        The shapes, and the same with convex hulls in the place of meshes.
+    parts : tuple of Body
+        The shapes.
     names : tuple of str
         The link or obstacle that each shape belongs to.
     are_convex : array of bool, shape (n_shapes,)
@@ -87,22 +106,26 @@ class Bodies:
         Radius of that ball [m].
     halves : array, shape (n_shapes, 3)
         Half of the lengths of the edges of that box [m].
-    meshes : tuple of MeshSolid or None
-        The mesh that each shape is made of.
     """
 
-    model: Any
-    shapes: tuple[Any, ...]
-    hulls: tuple[Any, ...]
-    names: tuple[str, ...]
-    are_convex: NDArray[np.bool_]
-    joints: NDArray[np.intp]
-    origins: FloatArray
-    rotations: FloatArray
-    centres: FloatArray
-    radii: FloatArray
-    halves: FloatArray
-    meshes: tuple[MeshSolid | None, ...]
+    def __init__(self, model: Any, parts: Iterable[Body]) -> None:
+        self.model, self.parts = model, tuple(parts)
+        for body in self.parts:
+            for solid in (body.shape, body.hull):
+                if solid.aabb_radius < 0.0:  # not known yet
+                    solid.computeLocalAABB()
+        self.names = tuple(body.name for body in self.parts)
+        self.are_convex = np.array([body.shape is body.hull for body in self.parts], dtype=bool)
+        self.joints = np.array([body.joint for body in self.parts], dtype=np.intp)
+        self.origins = np.reshape([body.place.translation for body in self.parts], (-1, 3))
+        self.rotations = np.reshape([body.place.rotation for body in self.parts], (-1, 3, 3))
+        # The box of a hull is larger, if the shape is a surface without volume.
+        boxes = [body.hull.aabb_local for body in self.parts]
+        corners = np.array([(box.min_, box.max_) for box in boxes]).reshape(-1, 2, 3)
+        turned = self.rotations @ corners.mean(axis=1)[:, :, None]
+        self.centres: FloatArray = self.origins + turned[..., 0]
+        self.radii = np.array([float(body.hull.aabb_radius) for body in self.parts])
+        self.halves: FloatArray = 0.5 * (corners[:, 1] - corners[:, 0])
 
     @classmethod
     def of_links(
@@ -135,13 +158,13 @@ class Bodies:
         for link, element in every:
             try:
                 stated = stated_shape(element)
-                solid = solid_of_shape(_shape(stated, package_dirs))
+                shape = _shape(stated, package_dirs)
             except PlannerError as error:
                 raise RobotError(f"{source}: <collision> of link '{link}': {error}") from None
             place = pin.SE3(pin.rpy.rpyToMatrix(*stated.origin[3:]), stated.origin[:3])
             joint, frame = _attachment(model, link)
-            parts.append((link, joint, frame * place, solid))
-        return cls._made(model, parts)
+            parts.append(_body(link, joint, frame * place, shape))
+        return cls(model, parts)
 
     def with_world(self, world: World) -> Bodies:
         """The same with the obstacles of a world.
@@ -161,42 +184,9 @@ class Bodies:
                 raise WorldError(f"obstacle '{name}': {unknown_name('link', link, links)}")
             joint, frame = _attachment(self.model, link) if link else (0, pin.SE3.Identity())
             for shape in obstacle.shapes:
-                placement = frame * pin.XYZQUATToSE3(shape.pose)
-                parts.append((name, joint, placement, solid_of_shape(shape)))
-        others, joined = vars(self._made(self.model, parts)), {}
-        for key, own in vars(self).items():
-            if isinstance(own, tuple):
-                joined[key] = own + others[key]
-            elif isinstance(own, np.ndarray):
-                joined[key] = np.concatenate([own, others[key]])
-        return replace(self, **joined)
-
-    @classmethod
-    def _made(cls, model: Any, parts: Sequence[tuple[str, int, Any, Solid]]) -> Bodies:
-        """Bodies of shapes with their names, joints and placements."""
-        solids = [part[3] for part in parts]
-        for shape, hull, _ in solids:
-            shape.computeLocalAABB()
-            hull.computeLocalAABB()
-        # That of a hull is larger, if the shape is a surface without volume.
-        boxes = [hull.aabb_local for _, hull, _ in solids]
-        corners = np.array([(box.min_, box.max_) for box in boxes]).reshape(-1, 2, 3)
-        origins = np.reshape([part[2].translation for part in parts], (-1, 3))
-        rotations = np.reshape([part[2].rotation for part in parts], (-1, 3, 3))
-        return cls(
-            model,
-            tuple(shape for shape, _, _ in solids),
-            tuple(hull for _, hull, _ in solids),
-            tuple(part[0] for part in parts),
-            np.array([shape is hull for shape, hull, _ in solids], dtype=bool),
-            np.array([part[1] for part in parts], dtype=np.intp),
-            origins,
-            rotations,
-            origins + (rotations @ corners.mean(axis=1)[:, :, None])[..., 0],
-            np.array([float(hull.aabb_radius) for _, hull, _ in solids]),
-            0.5 * (corners[:, 1] - corners[:, 0]),
-            tuple(mesh for _, _, mesh in solids),
-        )
+                place = frame * pin.XYZQUATToSE3(shape.pose)
+                parts.append(_body(name, joint, place, shape))
+        return Bodies(self.model, [*self.parts, *parts])
 
 
 def _attachment(model: Any, link: str) -> tuple[int, Any]:

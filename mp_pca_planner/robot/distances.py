@@ -190,8 +190,8 @@ class BodyPairs:
     ) -> None:
         self._bodies, self._indices, self.margins = bodies, indices, margins
         self._tree, self._transforms = tree, list[Any]()
-        self._of_hulls = _shape_distances(bodies.hulls, indices)
-        self._of_shapes = _shape_distances(bodies.shapes, indices)
+        self._of_hulls = _shape_distances([body.hull for body in bodies.parts], indices)
+        self._of_shapes = _shape_distances([body.shape for body in bodies.parts], indices)
         first, second = indices.T
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
         self._radii = bodies.radii[first] + bodies.radii[second] + margins
@@ -481,12 +481,12 @@ def _collision_check(
     """The check whether any pair is nearer than its margin, see `BodyPairs.check`."""
     are_meshes = ~(bodies.are_convex | (hulls & (bodies.joints > 0)))
     geometry = pin.GeometryModel()
-    for i, (joint, is_mesh) in enumerate(zip(bodies.joints, are_meshes, strict=True)):
+    for i, (body, is_mesh) in enumerate(zip(bodies.parts, are_meshes, strict=True)):
         part = pin.GeometryObject(
             str(i),
-            parent_joint=int(joint),
-            placement=pin.SE3(bodies.rotations[i], bodies.origins[i]),
-            collision_geometry=(bodies.shapes if is_mesh else bodies.hulls)[i],
+            parent_joint=body.joint,
+            placement=body.place,
+            collision_geometry=body.shape if is_mesh else body.hull,
         )
         geometry.addGeometryObject(part)
     for first, second in indices.tolist():
