@@ -149,7 +149,8 @@ class Bodies:
         RobotError
             If a shape can't be used, a mesh can't be found or read, or there are too many.
         """
-        every = [(link, one) for link, many in description.collisions.items() for one in many]
+        links = description.links.items()
+        every = [(link, one) for link, x in links for one in x.findall("collision")]
         if len(every) > (most := INPUT_LIMITS.robot_shapes):
             raise RobotError(
                 f"{source} has {len(every)} collision shapes, at most {most} are accepted"

@@ -18,6 +18,8 @@ from .urdf import Description
 pin = LazyModule("pinocchio")
 
 _NOT_A_LINK = " (joint)"
+# Elements of links that are bodies, not just frames.
+_SHAPES = ("visual", "collision")
 # Share of the largest principal moment below which the smallest one counts as 0.
 _ROUNDOFF = 1e-12
 # Share by which a moment may exceed the sum of the others: descriptions are rounded.
@@ -165,9 +167,11 @@ def inertia_flaws(model: Any, description: Description) -> tuple[list[str], list
         Joints whose efforts can't be computed, because the inertia of their body is unknown.
     """
     links = [f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint > 0]
-    lost = [link for link in links if link.name in description.lost_inertias]
+    states = description.states
+    unread = [link for link in links if link.name not in description.inertias]
+    lost = [link for link in unread if states(link.name, "inertial")]
     flaws, unknown = [link.name for link in lost], {link.parentJoint for link in lost}
-    solid = {link.parentJoint for link in links if link.name in description.solid_links}
+    solid = {link.parentJoint for link in links if states(link.name, *_SHAPES)}
     masses = [inertia.mass for inertia in model.inertias]
     for joint in sorted(set(range(1, model.njoints)) - unknown):
         inertia = model.inertias[joint]
@@ -178,7 +182,8 @@ def inertia_flaws(model: Any, description: Description) -> tuple[list[str], list
                 continue
             unknown.add(joint)
         if is_empty or not _is_valid(inertia):
-            flaws.append(description.child_links[model.names[joint]])
+            moved = next(description.joints[model.names[joint]].iter("child"))
+            flaws.append(moved.get("link", ""))
     return flaws, sorted(unknown)
 
 

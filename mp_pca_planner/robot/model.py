@@ -248,7 +248,8 @@ class Robot:
         links : collection of str
             Links whose poses are needed.
         """
-        full, shapes = self._description.model, self._description.collisions
+        description, full = self._description, self._description.model
+        shapes = [link for link in description.links if description.states(link, "collision")]
         fixed = locked_joints(full, self.joint_names)
         moving = set(range(1, full.njoints)) - set(fixed)
         colliding = set(joints_of_links(full, shapes))

@@ -13,7 +13,7 @@ import os
 import re
 import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from threading import Lock
 from typing import Any, NamedTuple
@@ -146,16 +146,10 @@ class Description:
         Their limits and drives by the keys of limits files.
     mimics : mapping of str to Mimic
         Those of them that mimic others, and how.
-    child_links : mapping of str to str
-        The link that each of them moves.
     inertias : mapping of str to pinocchio.Inertia
         Inertias by link, in the frame of the link.
-    lost_inertias : frozenset of str
-        Links whose inertial can't be used.
-    collisions : mapping of str to sequence of Element
-        The <collision> elements of each link that has any, see :func:`stated_shape`.
-    solid_links : frozenset of str
-        Links with a visual or collision shape: bodies, not just frames.
+    links, joints : mapping of str to Element
+        The elements of all links and of the movable joints.
     """
 
     name: str
@@ -163,11 +157,13 @@ class Description:
     types: Mapping[str, str]
     limits: Mapping[str, Mapping[str, float]]
     mimics: Mapping[str, Mimic]
-    child_links: Mapping[str, str]
     inertias: Mapping[str, Any]
-    lost_inertias: frozenset[str]
-    collisions: Mapping[str, Sequence[ET.Element]]
-    solid_links: frozenset[str]
+    links: Mapping[str, ET.Element]
+    joints: Mapping[str, ET.Element]
+
+    def states(self, link: str, *tags: str) -> bool:
+        """Whether a link has an element of any of these tags."""
+        return any(self.links[link].find(tag) is not None for tag in tags)
 
 
 def read_description(urdf: str, source: str) -> Description:
@@ -191,13 +187,14 @@ def read_description(urdf: str, source: str) -> Description:
     if not joints:
         raise RobotError(f"{source} has no revolute, continuous or prismatic joint")
     links = {link.get("name", ""): link for link in root.findall("link")}
-    inertials = {name: link.find("inertial") for name, link in links.items()}
-    stated = {name: inertial for name, inertial in inertials.items() if inertial is not None}
     inertias = {
-        name: inertia for name, x in stated.items() if (inertia := _inertia_of(x)) is not None
+        name: inertia
+        for name, link in links.items()
+        for inertial in link.findall("inertial")[:1]
+        if (inertia := _inertia_of(inertial)) is not None
     }
     with reading(source, RobotError):  # of elements in elements without end
-        text = _part_for_pinocchio(root, {name: stated[name] for name in inertias})
+        text = _part_for_pinocchio(root, inertias)
     model = _model_of(text, source)
     mimics: dict[str, Mimic] = {}
     limits: dict[str, dict[str, float]] = {}
@@ -217,24 +214,8 @@ def read_description(urdf: str, source: str) -> Description:
                 raise RobotError("its <axis> has no direction, expected numbers that are not all 0")
         except RobotError as error:
             raise RobotError(f"{source}: joint '{name}': {error}") from None
-    return Description(
-        name=root.get("name", ""),
-        model=model,
-        types={name: joint.get("type", "") for name, joint in joints.items()},
-        limits=limits,
-        mimics=mimics,
-        child_links={
-            name: x.get("link", "") for name, j in joints.items() for x in j.iter("child")
-        },
-        inertias=inertias,
-        lost_inertias=frozenset(stated.keys() - inertias.keys()),
-        collisions={name: x for name, link in links.items() if (x := link.findall("collision"))},
-        solid_links=frozenset(
-            name
-            for name, link in links.items()
-            if link.find("visual") is not None or link.find("collision") is not None
-        ),
-    )
+    types = {name: joint.get("type", "") for name, joint in joints.items()}
+    return Description(root.get("name", ""), model, types, limits, mimics, inertias, links, joints)
 
 
 def parse_xml(text: str, source: str) -> ET.Element:
@@ -282,13 +263,13 @@ def _is_xacro(root: ET.Element) -> bool:
     )
 
 
-def _part_for_pinocchio(root: ET.Element, inertials: Mapping[str, ET.Element]) -> str:
+def _part_for_pinocchio(root: ET.Element, with_inertias: Collection[str]) -> str:
     """The joints, and the links with their usable inertials; continuous joints are revolute."""
     part = ET.Element("robot", name=root.get("name") or "robot")
     for link in root.findall("link"):
         copy = ET.SubElement(part, "link", link.attrib)
-        if (name := link.get("name", "")) in inertials:
-            copy.append(inertials[name])
+        if link.get("name", "") in with_inertias:
+            copy.extend(link.findall("inertial")[:1])
     for joint in root.findall("joint"):
         copy = ET.SubElement(part, "joint", joint.attrib)
         copy.extend(child for child in joint if child.tag in _PARTS_OF_JOINTS)
