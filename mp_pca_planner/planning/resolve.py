@@ -501,11 +501,10 @@ def completed(state: JointState, before: JointState, robot: Robot, what: str) ->
     Raises
     ------
     GoalError
-        If it names an unknown joint, or a position that no robot has.
+        If it names an unknown joint.
     """
     names = robot.joint_names
     if state.joint_names == names and not robot.continuous.any():
-        _check_plausible(state.positions, names, what)
         return state
     for name in state.joint_names:
         if name not in names:
@@ -513,19 +512,7 @@ def completed(state: JointState, before: JointState, robot: Robot, what: str) ->
     q, v, a = before.positions.copy(), np.zeros(len(names)), np.zeros(len(names))
     index = [names.index(name) for name in state.joint_names]
     q[index], v[index], a[index] = state.positions, state.velocities, state.accelerations
-    # Checked before the reduction of a continuous joint's angle, which would lose all digits.
-    _check_plausible(q, names, what)
     return JointState(names, unwrapped(q, before, robot), v, a)
-
-
-def _check_plausible(q: FloatArray, names: Sequence[str], what: str) -> None:
-    absurd = np.abs(q) > _NO_ROBOT
-    if absurd.any():
-        j = int(absurd.argmax())
-        raise GoalError(
-            f"the {what} position of joint '{names[j]}' is {q[j]:.6g}, but no robot goes "
-            f"beyond ±{_NO_ROBOT:g}"
-        )
 
 
 def unwrapped(q: FloatArray, before: JointState, robot: Robot) -> FloatArray:

@@ -28,7 +28,6 @@ from ...motion.goal import JointState
 from ...motion.interpolation import quintics
 from ...motion.validation import LimitCheck
 from ...primitives.basis import BSplineBasis, SumBasis
-from ...primitives.prediction import ConditionalDistribution
 from ...primitives.primitive import MovementPrimitive
 from ..context import Context
 from ..motion import Motion, Tables, cost_of, node_states, rank_of
@@ -417,7 +416,13 @@ def compile_program(context: Context, request: Request, setting: Setting) -> Mot
     near = setting.naturalness >= NEAR_EXPECTED
     near &= all(basis.precision is not None for basis in setting.bases)
     links = Chain(junctions, segments) if request.mode else None
-    starts = [links.start] if links else _starts(setting, segments[0], near)
+    if links:
+        starts = [links.start]
+    else:  # the cheapest first
+        given = setting.bases[0].starts[: 1 if near else None]
+        starts = [segments[0].unknowns.from_weights(one) for one in given]
+        if len(starts) > 1:
+            starts.sort(key=lambda x: segments[0].at(x).cost + segments[0].naturalness(x)[0])
     collision, clear = context.collision, setting.bases[0].is_detour
     among = collision is not None and len(collision.world)
     if collision is not None and among and not (clear or links or request.is_shortest):
@@ -431,83 +436,46 @@ def compile_program(context: Context, request: Request, setting: Setting) -> Mot
     return MotionProgram(segments, constraints, links, starts)
 
 
-def _precision(request: Request, setting: Setting, program: SegmentProgram, i: int) -> FloatArray:
-    """ρΛ⁻¹ of deviations from the expected motion.
+def _precision(request: Request, setting: Setting, segment: SegmentProgram, i: int) -> FloatArray:
+    """ρΛ⁻¹ of deviations of a segment from the expected motion, by its unknowns.
 
-    Its unit is the cost of that motion; in a sequence, the effort of the joined motion.
+    In a sequence, its unit is the effort of the joined motion. A change of the boundary states
+    bends the motion as weights do: its cost is relative to the spread of the demonstrations of each
+    joint, averaged over the motion.
+
+    Of a single motion, the cost of one standard deviation from the expected motion is the larger of
+    two values: the cost of that motion, and 8 times the decrease of the objective along one
+    standard deviation. The second keeps motions natural if their effort could decrease fast: to
+    first order, the optimum is at most 1 / (8 ρ) standard deviations away. A free goal is natural
+    near the configuration of the search that is most like the demonstrations; the spread of their
+    goals is the unit of its changes.
     """
-    basis, segment, price = setting.bases[i], request.segments[i], setting.naturalness
-    if request.mode:
-        price *= program.effort(program.expected)
-        return price * _segment_precision(program, basis, segment.expected)
-    if basis.precision is None or not price > 0.0:
-        return program.precision
-    # A free goal is natural where demonstrations end.
-    goals = segment.primitive.boundary_states[:, GOAL_POSITION]
-    return price * _goal_precision(program, basis, goals)
-
-
-def _goal_precision(segment: SegmentProgram, basis: MotionBasis, goals: FloatArray) -> FloatArray:
-    """Precision of the unknowns of a motion to a single goal, in units of its objective.
-
-    The cost of one standard deviation from the expected motion is the larger of two values: the
-    cost of that motion, and 8 times the decrease of the objective along one standard
-    deviation. The second keeps motions natural if their effort could decrease fast: to first order,
-    the optimum is at most 1 / (8 ρ) standard deviations away.
-
-    Parameters
-    ----------
-    segment : SegmentProgram
-        The motion.
-    basis : MotionBasis
-        Its basis, with a prediction.
-    goals : array, shape (n_demonstrations, n_joints)
-        Goals of the demonstrations. A free goal is natural near the configuration of the search
-        that is most like them; their spread is the unit of its changes.
-
-    Returns
-    -------
-    precision : array, shape (n_unknowns, n_unknowns)
-        At ρ = 1.
-    """
-    assert basis.precision is not None
-    n, size = segment.unknowns.n_weights, segment.unknowns.scales.size
-    own = basis.precision * np.outer(segment.unknowns.scales[:n], segment.unknowns.scales[:n])
-    precision = np.zeros((size, size))
-    precision[:n, :n] = own
-    free = range(n, segment.unknowns.n_linear)
-    if free:
-        spread = np.maximum(goals.std(axis=0), _MIN_SPREAD)
-        precision[free, free] = (END_SCALES[GOAL_POSITION] / spread) ** 2
-    here = segment.at(segment.expected)
-    descent = float(np.sqrt(here.gradient[:n] @ np.linalg.solve(own, here.gradient[:n])))
-    return precision * max(here.cost, _EFFORT_WEIGHT * descent)
-
-
-def _segment_precision(
-    segment: SegmentProgram,
-    basis: MotionBasis,
-    expected: ConditionalDistribution,
-) -> FloatArray:
-    """Precision of the unknowns of a segment, shape (n_unknowns, n_unknowns).
-
-    A change of the boundary states bends the motion as weights do. Its cost is relative to the
-    spread of the demonstrations of each joint, averaged over the motion.
-    """
-    unknowns, tables = segment.unknowns, basis.tables
-    n, n_joints = unknowns.n_weights, unknowns.boundary.shape[1]
-    scales, timed = unknowns.scales, unknowns.n_linear
-    precision = np.zeros((scales.size, scales.size))
+    basis, requested, price = setting.bases[i], request.segments[i], setting.naturalness
+    unknowns, precision = segment.unknowns, np.zeros_like(segment.precision)
+    n, n_joints, scales = unknowns.n_weights, unknowns.n_joints, unknowns.scales
     if basis.precision is not None:
         precision[:n, :n] = basis.precision * np.outer(scales[:n], scales[:n])
+    if not request.mode:
+        if basis.precision is None or not price > 0.0:
+            return segment.precision
+        if unknowns.free_rows:
+            goals = requested.primitive.boundary_states[:, GOAL_POSITION]
+            spread = np.maximum(goals.std(axis=0), _MIN_SPREAD)
+            free = range(n, unknowns.n_linear)
+            precision[free, free] = (END_SCALES[GOAL_POSITION] / spread) ** 2
+        here = segment.at(segment.expected)
+        slope, own = here.gradient[:n], precision[:n, :n]
+        descent = float(np.sqrt(slope @ np.linalg.solve(own, slope)))
+        return price * (precision * max(here.cost, _EFFORT_WEIGHT * descent))
     if unknowns.duration_is_free:
+        timed = unknowns.n_linear
         precision[timed, timed] = (LOG_DURATION_SCALE / _DURATION_SPREAD) ** 2
-    variances = np.zeros(n_joints)
+    variances, tables = np.zeros(n_joints), basis.tables
     if basis.n_components:
-        k = basis.n_components
-        functions = tables.values[0, 1:-1, :, 1 : k + 1]
+        functions = tables.values[0, 1:-1, :, 1 : basis.n_components + 1]
+        covariance = requested.expected.covariance
         variances = np.einsum(
-            "k,kji,il,kjl->j", tables.quadrature, functions, expected.covariance, functions
+            "k,kji,il,kjl->j", tables.quadrature, functions, covariance, functions
         )
     spreads = _BEND_SPREAD * np.maximum(np.sqrt(variances), _MIN_SPREAD)
     rows = unknowns.free_rows
@@ -516,7 +484,7 @@ def _segment_precision(
     for j in range(n_joints):
         index = n + j + n_joints * np.arange(len(rows))
         precision[np.ix_(index, index)] += gram / spreads[j] ** 2
-    return precision
+    return price * segment.effort(segment.expected) * precision
 
 
 def _constraints(
@@ -553,13 +521,3 @@ def _constraints(
         phases = np.linspace(0.0, 1.0, _N_PATH_PHASES)
         found.append(AlongPath(context.robot, path, unknowns, tables.basis, ends, phases))
     return found
-
-
-def _starts(setting: Setting, program: SegmentProgram, is_near: bool) -> list[FloatArray]:
-    """Unknowns to start from, the cheapest first."""
-    n_starts = 1 if is_near else None
-    found = [program.unknowns.from_weights(one) for one in setting.bases[0].starts[:n_starts]]
-    if len(found) == 1:
-        return found
-    costs = [program.at(x).cost + program.naturalness(x)[0] for x in found]
-    return [found[i] for i in np.argsort(costs, kind="stable")]

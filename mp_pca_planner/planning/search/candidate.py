@@ -273,9 +273,18 @@ def _solved(context: Context, request: Request, setting: Setting, budget: Budget
             memory = curvature, radius, sides[:0]  # the inequalities were renumbered
             starts = [(best.unknowns, memory), originals[0]]
         program = refined
+    natural = effort = expected = 0.0
+    parts = program.parts(best.unknowns) or ()
+    for segment, (own, _) in zip(program.segments, parts, strict=True):
+        natural += segment.naturalness(own)[0]
+        effort += segment.effort(own)
+        expected += segment.effort(segment.expected)
+    # The objective of the shortest motion is not the planner's.
+    objective = float("nan") if request.is_shortest else best.cost - natural
+    costs = objective, effort, natural, expected
     return replace(
         found,
-        solution=_described(program, request, best, passes),
+        solution=MotionSolution(*costs, best.converged, passes, best.kkt_residual),
         naturalness=setting.naturalness,
         has_clearances=refined.has_clearances,
     )
@@ -348,19 +357,3 @@ def _findings(candidate: Candidate, *, touches: bool) -> list[Findings]:
             )
         )
     return parts
-
-
-def _described(
-    program: MotionProgram, request: Request, found: Solution, passes: int
-) -> MotionSolution:
-    """The result of the solver. The objective of the shortest motion is not the planner's."""
-    natural = effort = expected = 0.0
-    parts = program.parts(found.unknowns) or ()
-    for segment, (own, _) in zip(program.segments, parts, strict=True):
-        natural += segment.naturalness(own)[0]
-        effort += segment.effort(own)
-        expected += segment.effort(segment.expected)
-    objective = float("nan") if request.is_shortest else found.cost - natural
-    return MotionSolution(
-        objective, effort, natural, expected, found.converged, passes, found.kkt_residual
-    )
