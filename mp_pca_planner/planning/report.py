@@ -17,7 +17,7 @@ from ..motion.validation import LimitCheck
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from .configurations import POSE_TOLERANCE
 from .context import Budget, Context
-from .options import DEMONSTRATED, OPTIMAL, REAL_TIME
+from .options import DEMONSTRATED, REAL_TIME
 from .plan import ALREADY_THERE, INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
 from .resolve import in_order
 from .search.candidate import JOINED, OPTIMISED, SLOW, Candidate
@@ -53,10 +53,9 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
     correction = _correction(best)
     score, outside, error = _of_predictions(context, best)
     nearest = _nearest_obstacle(context.collision, trajectory)
-    status, message = INFEASIBLE, _refusal(context, best, budget, score)
-    if not message:
-        status, reason = _status(best, budget)
-        parts = [_headline(context, best, score, nearest), reason]
+    status, message = _verdict(context, best, budget, score)
+    if status != INFEASIBLE:
+        parts = [_headline(context, best, score, nearest), message]
         parts += _concessions(context, best, correction)
         message = "; ".join(filter(None, parts))
     remarks = motion_remarks(score, best.check, outside)
@@ -141,37 +140,20 @@ def _nearest_obstacle(
     return distance + float(model.margins[pair]), model.pairs[pair][1]
 
 
-def _status(best: Candidate, budget: Budget) -> tuple[str, str]:
-    """Status of a motion that may be executed, and why it is not the best one; or how it is."""
-    if best.how == SLOW:
-        return STOPPED_EARLY, _slow(best, budget)
-    if best.how == JOINED:
-        text = "segments joined without optimisation"
-        if best.request.mode == OPTIMAL:
-            why = "because no better motion within the limits was found"
-            return STOPPED_EARLY, f"{text}, {why}"
-        return SOLVED, text
-    if budget.is_cut:
-        return STOPPED_EARLY, f"{_time_ran_out(budget)} before the search ended"
-    if not best.solution.converged:
-        return STOPPED_EARLY, "not the best motion yet: the solver's iterations ran out"
-    return SOLVED, ""
-
-
-def _time_ran_out(budget: Budget) -> str:
-    return f"time ran out (max_solve_time = {budget.seconds:g} s)"
-
-
-def _refusal(context: Context, best: Candidate, budget: Budget, score: float) -> str:
-    """Why a motion must not be executed; empty if it may."""
-    most = context.options.max_in_span_score
+def _verdict(context: Context, best: Candidate, budget: Budget, score: float) -> tuple[str, str]:
+    """Status of a motion, and why it must not be executed or is not the best one; or how it is."""
+    request, most = best.request, context.options.max_in_span_score
     if most and score > most:
-        return (
+        return INFEASIBLE, (
             "the request is too far from the demonstrations: its in-span score is "
             f"{score:.2f}, and at most {most:g} is accepted (max_in_span_score)"
         )
     if best.blocked:
-        return best.blocked
+        return INFEASIBLE, best.blocked
+    ran_out = f"time ran out (max_solve_time = {budget.seconds:g} s)"
+    searched = "no motion {} was found"
+    if budget.is_cut:
+        searched = f"{ran_out} before a motion {{}} was found"
     why, kind = best.refusal, "within the limits"
     if not why and (why := _met(context, best)):
         has_world = context.collision is not None and len(context.collision.world)
@@ -183,30 +165,30 @@ def _refusal(context: Context, best: Candidate, budget: Budget, score: float) ->
     if not why and missed > POSE_TOLERANCE:
         kind = "that reaches its targets"
         why = f"the nearest motion misses a target by {missed:.3g} rad or m"
-    if not why:
-        return ""
-    message = f"{_searched(budget, kind)}: {why}"
-    if not (best.request.mode or best.request.duration_is_free):
-        message += "; without a duration, timing 'shortest' finds the shortest one"
-    if best.meets_bodies and (missing := missing_planner()):
-        message += f"; {missing}"
-    return message
-
-
-def _searched(budget: Budget, kind: str) -> str:
-    """Text on the end of the search for a kind of motion."""
+    if why:
+        message = f"{searched.format(kind)}: {why}"
+        if not (request.mode or request.duration_is_free):
+            message += "; without a duration, timing 'shortest' finds the shortest one"
+        if best.meets_bodies and (missing := missing_planner()):
+            message += f"; {missing}"
+        return INFEASIBLE, message
+    if best.how == SLOW:
+        kind = "without stops within the limits" if request.mode else "optimised within the limits"
+        path = "rests at each target" if request.mode else "follows a minimum-jerk path"
+        around = f" around obstacles with {best.n_stops} stops" if best.n_stops else ""
+        searched = searched.format(kind)
+        return STOPPED_EARLY, f"{searched}; this motion {path}{around} and keeps the limits"
+    if best.how == JOINED:
+        text = "segments joined without optimisation"
+        if request.mode == REAL_TIME:
+            return SOLVED, text
+        why = "because no better motion within the limits was found"
+        return STOPPED_EARLY, f"{text}, {why}"
     if budget.is_cut:
-        return f"{_time_ran_out(budget)} before a motion {kind} was found"
-    return f"no motion {kind} was found"
-
-
-def _slow(best: Candidate, budget: Budget) -> str:
-    """Text on a slow motion."""
-    is_sequence = bool(best.request.mode)
-    kind = "without stops within the limits" if is_sequence else "optimised within the limits"
-    path = "rests at each target" if is_sequence else "follows a minimum-jerk path"
-    around = f" around obstacles with {best.n_stops} stops" if best.n_stops else ""
-    return f"{_searched(budget, kind)}; this motion {path}{around} and keeps the limits"
+        return STOPPED_EARLY, f"{ran_out} before the search ended"
+    if not best.solution.converged:
+        return STOPPED_EARLY, "not the best motion yet: the solver's iterations ran out"
+    return SOLVED, ""
 
 
 def _met(context: Context, best: Candidate) -> str:

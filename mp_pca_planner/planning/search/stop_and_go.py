@@ -30,7 +30,6 @@ from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from ..context import Budget, Context
 from ..motion import Motion, Tables
-from ..options import SHORTEST
 from ..program.compile import MotionBasis
 from ..request import Request
 from ..time_scaling import least_duration, slowdown
@@ -335,10 +334,10 @@ def slow_motion(
     """
     # Durations of the segments to try, not below the least ones.
     tried = [np.array([segment.duration for segment in request.segments])]
-    if not request.mode and not request.duration_is_free:
-        tried.append(0.0 * tried[0])
-    elif not request.mode and request.timing == SHORTEST:
+    if request.is_shortest:
         tried = [0.0 * tried[0]]
+    elif not request.mode and not request.duration_is_free:
+        tried.append(0.0 * tried[0])
     for usual in tried:
         for corners in _rests(context, request, path, budget):
             try:
@@ -382,12 +381,17 @@ def _slow(context: Context, request: Request, usual: FloatArray, corners: Corner
     GoalError, TrajectoryError
         If it would take too long, or no durations keep the limits.
     """
-    route, period = _route(context, request, corners), context.options.sample_period
+    robot, limits, period = context.robot, context.limits, context.options.sample_period
+    states = [request.start]
+    for segment, points in zip(request.segments, corners, strict=True):
+        states += [JointState(robot.joint_names, q) for q in points]
+        states.append(segment.goal)
     counts = [1 + len(part) for part in corners]
+    route = stop_and_go(robot, limits, states, period)
     if route.moves_at_ends:  # the knots of a brake are points of the trajectory
         first = _durations(context, request, route, counts, usual)[: counts[0]].sum()
         step = float(first / np.ceil(first / period - 1e-9))
-        route = _route(context, request, corners, step)
+        route = stop_and_go(robot, limits, states, step)
     for _ in range(_MAX_STRETCHES):
         durations = _durations(context, request, route, counts, usual)
         motions = route.motions(durations, counts)
@@ -402,18 +406,6 @@ def _slow(context: Context, request: Request, usual: FloatArray, corners: Corner
     )
     found = checked(context, request, bases, motions)
     return replace(found, n_stops=sum(map(len, corners)), how=SLOW)
-
-
-def _route(
-    context: Context, request: Request, corners: Corners, step: float | None = None
-) -> StopAndGo:
-    """The fastest motion with rests at targets and corners."""
-    states = [request.start]
-    for segment, points in zip(request.segments, corners, strict=True):
-        states += [JointState(context.robot.joint_names, q) for q in points]
-        states.append(segment.goal)
-    step = context.options.sample_period if step is None else step
-    return stop_and_go(context.robot, context.limits, states, step)
 
 
 def _durations(
