@@ -126,13 +126,17 @@ def as_demonstrations(
     joint_names: Sequence[str] | None = None,
 ) -> tuple[list[Demonstration], list[str]]:
     """Demonstrations of what :meth:`.MovementPrimitive.fit` accepts, and what to warn of."""
-    if times is not None:
-        return _of_arrays(given, times, joint_names)
+    if _has_columns(given) or (isinstance(given, np.ndarray) and given.ndim == 2):
+        raise PrimitiveError(
+            "one array of shape (samples, joints) is one motion: give a list of motions, [array]"
+        )
     what = (
         "demonstrations must be a list: mp.load_demonstrations reads recordings and tables, and "
         "list(motions.values()) makes one of a dict"
     )
     motions = as_list(given, what, PrimitiveError)
+    if times is not None:
+        return _of_arrays(motions, times, joint_names)
     for motion in motions:
         if not isinstance(motion, Demonstration):
             raise PrimitiveError(
@@ -143,20 +147,9 @@ def as_demonstrations(
 
 
 def _of_arrays(
-    positions: Sequence[ArrayLike],
-    times: ArrayLike | Sequence[ArrayLike],
-    joint_names: Sequence[str] | None,
+    motions: list[Any], times: Any, joint_names: Sequence[str] | None
 ) -> tuple[list[Demonstration], list[str]]:
-    """Demonstrations of positions and times, and what to warn of."""
-    if (isinstance(positions, np.ndarray) and positions.ndim == 2) or _has_columns(positions):
-        raise PrimitiveError(
-            "one array of shape (samples, joints) is one motion: give a list of motions, [array]"
-        )
-    what = (
-        "positions must be a list of arrays, one of each motion: mp.load_demonstrations reads "
-        "files, and list(motions.values()) makes a list of a dict"
-    )
-    motions = as_list(positions, what, PrimitiveError)
+    """Demonstrations of the positions of motions and their times, and what to warn of."""
     what = "times must be the times of the samples [s], such as 0.01 * numpy.arange(n_samples)"
     given_times = as_list(times, what, PrimitiveError)
     if not given_times or np.ndim(given_times[0]) == 0:
@@ -171,23 +164,22 @@ def _of_arrays(
     if motions and all(map(_has_columns, motions)):
         joint_names = joint_names or _joints_of(motions[0])
         motions = [_chosen_columns(q, joint_names, k) for k, q in enumerate(motions, start=1)]
-    if joint_names is None and motions:
-        first = float_array(motions[0], "positions of 'motion 1'", RecordingError)
-        joint_names = [f"joint{j + 1}" for j in range(first.shape[-1] if first.ndim else 0)]
-    names, demonstrations, notes = joint_names or (), list[Demonstration](), list[str]()
-    for k, (t, q) in enumerate(zip(given_times, motions, strict=True), start=1):
-        motion = Demonstration.of_samples(names, t, q, f"motion {k}")
+    demonstrations, notes = list[Demonstration](), list[str]()
+    for k, (t, positions) in enumerate(zip(given_times, motions, strict=True), start=1):
+        where = f"motion {k}"
+        q = float_array(positions, f"positions of '{where}'", RecordingError)
+        names = joint_names or [f"joint{j}" for j in range(1, 1 + (q.shape or (0,))[-1])]
+        motion = Demonstration.of_samples(names, t, q, where)
         extents = np.ptp(motion.positions, axis=0)
         if extents.max() > ABSURD_EXTENT:
             raise PrimitiveError(
                 f"joint '{names[extents.argmax()]}' moves over {extents.max():.3g} rad (or m) in "
-                f"{motion.recording}, and over {ABSURD_EXTENT:g} is absurd: positions must be in "
-                "radians (or m); numpy.deg2rad converts degrees"
+                f"{where}, and over {ABSURD_EXTENT:g} is absurd: positions must be in radians (or "
+                "m); numpy.deg2rad converts degrees"
             )
         demonstrations.append(motion)
-        if not notes:
-            notes += filter(None, [other_unit_of_time(motion.recording, np.asarray(t, float))])
-    return demonstrations, notes + _moving_ends(demonstrations)
+        notes.append(other_unit_of_time(where, np.asarray(t, float)))
+    return demonstrations, [*[*filter(None, notes)][:1], *_moving_ends(demonstrations)]
 
 
 def _has_columns(value: Any) -> bool:
