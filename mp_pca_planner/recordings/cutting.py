@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -73,23 +74,10 @@ class Cut:
         speed = joint_speed(self.piece.velocities[self.first : self.last + 1])
         return bool(speed[step - self.first] > MOVING_RATIO * speed.max())
 
-    def demonstration(
-        self, joint_names: tuple[str, ...], recording: str, checksum: str
-    ) -> Demonstration:
-        """The motion as a demonstration."""
-        piece, steps = self.piece, slice(self.first, self.last + 1)
-        return Demonstration(
-            joint_names,
-            piece.times[steps] - piece.times[self.first],
-            piece.positions[steps],
-            piece.velocities[steps],
-            piece.accelerations[steps],
-            recording=recording,
-            start_time=float(piece.times[self.first]),
-            end_time=float(piece.times[self.last]),
-            label=self.label,
-            checksum=checksum,
-        )
+    def demonstration(self, joint_names: tuple[str, ...], **about: Any) -> Demonstration:
+        """The motion as a demonstration, see :meth:`.Demonstration.of_piece`."""
+        span = self.piece, self.first, self.last
+        return Demonstration.of_piece(joint_names, *span, label=self.label, **about)
 
 
 def smoothed(recording: Recording) -> tuple[list[SmoothPiece], SpeedThresholds]:

@@ -8,6 +8,7 @@ import hashlib
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +22,9 @@ from ..arrays import (
 )
 from ..exceptions import RecordingError
 from ..lazy import LazyModule
+
+if TYPE_CHECKING:
+    from .segmentation import SmoothPiece
 
 interpolate = LazyModule("scipy.interpolate")
 
@@ -224,19 +228,35 @@ class Demonstration:
                 f"the times of '{recording}' must be in seconds and about even, but span "
                 f"{span:.3g} s, and half of them are at most {period:.3g} s apart"
             )
-        found = smooth(Samples(t - t[0], q), 1.0 / period)
-        return cls(
-            names,
-            found.times - found.times[0],
-            found.positions,
-            found.velocities,
-            found.accelerations,
-            recording=recording,
-            start_time=0.0,
-            end_time=float(found.times[-1] - found.times[0]),
-            label=label,
-            checksum=hashlib.sha256(t.tobytes() + q.tobytes()).hexdigest(),
+        piece = smooth(Samples(t - t[0], q), 1.0 / period)
+        checksum = hashlib.sha256(t.tobytes() + q.tobytes()).hexdigest()
+        whole = 0, piece.times.size - 1
+        return cls.of_piece(
+            names, piece, *whole, recording=recording, label=label, checksum=checksum
         )
+
+    @classmethod
+    def of_piece(
+        cls, joint_names: tuple[str, ...], piece: SmoothPiece, first: int, last: int, **about: Any
+    ) -> Demonstration:
+        """The motion of a smooth piece from its first to its last step.
+
+        Parameters
+        ----------
+        joint_names : tuple of str
+            Names of the joints.
+        piece : SmoothPiece
+            It contains the motion.
+        first, last : int
+            Steps at which the motion begins and ends.
+        **about :
+            Other attributes, such as `recording`.
+        """
+        steps = slice(first, last + 1)
+        start, end = float(piece.times[first]), float(piece.times[last])
+        curves = (x[steps] for x in (piece.positions, piece.velocities, piece.accelerations))
+        times = piece.times[steps] - start
+        return cls(joint_names, times, *curves, start_time=start, end_time=end, **about)
 
     def __repr__(self) -> str:
         label = f" '{self.label}'" if self.label else ""

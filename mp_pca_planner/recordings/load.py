@@ -15,6 +15,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, fields, replace
+from itertools import accumulate
 from operator import itemgetter
 from pathlib import Path
 from types import NoneType
@@ -284,18 +285,16 @@ def _load_all(
     progress: Callable[[int, int], None] | None,
 ) -> list[Loaded]:
     """Load recordings, by the workers of a pool if there is one."""
-    sizes, done = [bags.stored_size(task.path) if progress else 0 for task in tasks], 0
-    total = sum(sizes)
+    sizes = [bags.stored_size(task.path) if progress else 0 for task in tasks]
     ready: Iterable[Loaded] = map(load_one, tasks)
     if pool is not None:
         ready = pool.map(load_one, tasks, chunksize=min(MAX_CHUNK, 1 + len(tasks) // N_CHUNKS))
     loaded: list[Loaded] = []
     try:
-        for size, one in zip(sizes, ready, strict=True):
+        for done, one in zip(accumulate(sizes), ready, strict=True):
             loaded.append(one)
-            done += size
             if progress is not None:
-                progress(done, total)
+                progress(done, sum(sizes))
     except BrokenExecutor:
         raise RecordingError(
             "a process that reads recordings died: it was killed, or memory ran out; use fewer "
@@ -373,8 +372,10 @@ def _motions_of(task: LoadTask, recording: Recording, least_extent: float) -> Re
     if not cuts:
         raise RecordingError("no motion was found in it")
     motions = tuple(
-        replace(
-            cut.demonstration(recording.joint_names, task.name, recording.checksum),
+        cut.demonstration(
+            recording.joint_names,
+            recording=task.name,
+            checksum=recording.checksum,
             episode=recording.episode_at(cut.piece.times[0] + 1e-6),
         )
         for cut in cuts
@@ -602,19 +603,21 @@ def on_one_turn(recordings: RecordingSet, joint: str) -> RecordingSet:
     Their starts are near each other then. Drivers report angles from -pi to pi, or from 0 after a
     restart.
     """
-    motions = list(recordings.demonstrations)
-    turning = [k for k, motion in enumerate(motions) if joint in motion.joint_names]
-    columns = [motions[k].joint_names.index(joint) for k in turning]
-    starts = [motions[k].positions[0, column] for k, column in zip(turning, columns, strict=True)]
-    counts = Counter[str]()
-    for k, column, turns in zip(turning, columns, full_turns(np.array(starts)), strict=True):
+    motions, counts = list(recordings.demonstrations), Counter[str]()
+    turning = [
+        (k, motion.joint_names.index(joint))
+        for k, motion in enumerate(motions)
+        if joint in motion.joint_names
+    ]
+    starts = np.array([motions[k].positions[0, column] for k, column in turning])
+    for (k, column), turns in zip(turning, full_turns(starts), strict=True):
         if turns:
             positions = motions[k].positions.copy()
             positions[:, column] += 2.0 * np.pi * turns
             motions[k] = replace(motions[k], positions=positions)
             counts[motions[k].recording] += 1
     reports = tuple(
-        replace(x, repairs=dict(Counter(x.repairs) + Counter(turns=counts[x.name])))
+        x.noted(repairs={"turns": x.repairs.get("turns", 0) + counts[x.name]})
         for x in recordings.reports
     )
     return replace(recordings, demonstrations=tuple(motions), reports=reports)

@@ -114,22 +114,21 @@ class RecordingSet:
     @property
     def warning(self) -> str:
         """Why recordings and motions are not used, in one sentence; empty if all are."""
+        not_used = self._not_used()
+        return f"{not_used}; print(demonstrations.report) lists all defects" if not_used else ""
+
+    def _not_used(self) -> str:
         found = []
         if self.refused:
-            first = self.refused[0]
-            n, total = len(self.refused), len(self.refused) + len(self.reports)
+            n, first = len(self.refused), self.refused[0]
             found.append(
-                f"{n} of {total} recordings are rejected (first '{first.recording}': "
-                f"{first.reason})"
+                f"{n} of {n + len(self.reports)} recordings are rejected (first "
+                f"'{first.recording}': {first.reason})"
             )
-        n_cut_off = self.repairs.get("cut_off", 0)
-        if n_cut_off:
-            total = len(self.demonstrations) + n_cut_off
-            found.append(
-                f"{n_cut_off} of {total} motions are dropped ({REPAIRS['cut_off'].split(': ')[1]})"
-            )
-        more = "print(demonstrations.report) lists all defects"
-        return "; ".join([*found, more]) if found else ""
+        if n := self.repairs.get("cut_off", 0):
+            why = REPAIRS["cut_off"].split(": ")[1]
+            found.append(f"{n} of {n + len(self.demonstrations)} motions are dropped ({why})")
+        return "; ".join(found)
 
     @property
     def unit_warning(self) -> str:
@@ -150,11 +149,5 @@ class RecordingSet:
 
     def require_motion(self) -> None:
         """Raise a RecordingError, with the first reason, if no recording holds a motion."""
-        if self.demonstrations:
-            return
-        if not self.refused:
-            n = len(self.reports)
-            raise RecordingError(f"no motion was found: {n} recordings hold no motion")
-        first, *others = self.refused
-        more = f" (and {len(others)} more rejected)" if others else ""
-        raise RecordingError(f"no motion was found: {first.recording}: {first.reason}{more}")
+        if not self.demonstrations:
+            raise RecordingError(f"no motion was found: {self._not_used()}")

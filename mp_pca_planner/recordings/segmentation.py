@@ -23,6 +23,7 @@ import numpy as np
 from ..arrays import FloatArray, check_choice, check_number
 from ..exceptions import RecordingError
 from ..lazy import LazyModule
+from .continuity import noise_deviation
 from .recording import Samples, SpeedThresholds
 
 interpolate, signal = LazyModule("scipy.interpolate"), LazyModule("scipy.signal")
@@ -201,29 +202,14 @@ def _usual_peak(values: FloatArray) -> float:
 
 def least_extent(pieces: Sequence[Samples]) -> float:
     """Smallest extent of a motion, by the noise of the recording [rad or m]."""
-    return max(MIN_EXTENT, _NOISE_EXTENTS * float(np.linalg.norm(_noise(pieces))))
+    positions = np.concatenate([piece.positions for piece in pieces])
+    noise = [noise_deviation(position) for position in positions.T]
+    return max(MIN_EXTENT, _NOISE_EXTENTS * float(np.linalg.norm(noise)))
 
 
 def least_extent_of_set(extents: Sequence[float]) -> float:
     """Smallest extent of a motion, by the extents of the motions of all recordings [rad or m]."""
     return _SET_RATIO * _usual_peak(np.asarray(extents))
-
-
-def _noise(pieces: Sequence[Samples]) -> FloatArray:
-    """Standard deviation of each joint's noise, from samples and the line between their neighbours.
-
-    It is taken from the median, which motions during less than half of the time don't change; and
-    samples of a motion are near that line, compared with the extent of the motion.
-    """
-    errors = np.concatenate([_errors_from_neighbours(piece) for piece in pieces])
-    # Median of a normal distribution's magnitudes; the variance of one sample less a mean of two.
-    return np.asarray(np.median(np.abs(errors), axis=0) / (0.6745 * np.sqrt(1.5)))
-
-
-def _errors_from_neighbours(piece: Samples) -> FloatArray:
-    t, q = piece.times, piece.positions
-    share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
-    return np.asarray(q[1:-1] - (1.0 - share) * q[:-2] - share * q[2:])
 
 
 def find_motions(

@@ -420,28 +420,19 @@ def _is_ambiguous(names: Sequence[str], joints: Sequence[str] | None) -> bool:
 def _given_names(
     column: str, names: Sequence[str], n_values: int, joints: Sequence[str] | None
 ) -> tuple[list[str], str]:
-    """The joints as names of the values, where the dataset's own names don't fit."""
-    what = f"names {len(names)} of" if len(names) != n_values else "repeats a name among"
-    if not names:
-        what = "doesn't name"
-    if joints is None or len(joints) != n_values:
-        refuse_poses(names)
-        if len(names) == n_values and "," in column:
-            last = column.rpartition(",")[2]
-            raise RecordingError(
-                f"the columns '{column}' have the same names, "
-                f"{quote_names(repeated_names(names_of_positions(names)))}: rename some, as by "
-                f"--rename '{last}/*=second_*'"
-            )
-        raise RecordingError(
-            f"the dataset {what} the {n_values} values of '{column}': give the names of all "
-            "values, in order, as --joints"
-        )
-    note = (
-        f"the dataset {what} the values of '{column}': they are taken to be "
-        f"{quote_names(joints)}, in order"
+    """The joints as names of the values, where the dataset's own names don't fit, and a note."""
+    given = (
+        f"the dataset's names of the {n_values} values of '{column}' are {quote_names(names)}, not "
+        "as many different ones"
     )
-    return list(joints), note
+    if joints is not None and len(joints) == n_values:
+        return list(joints), f"{given}: they are taken to be {quote_names(joints)}, in order"
+    refuse_poses(names)
+    last = column.rpartition(",")[2]
+    raise RecordingError(
+        f"{given}: give the names of all values, in order, as --joints"
+        + (f", or rename some, as by --rename '{last}/*=second_*'" if "," in column else "")
+    )
 
 
 def refuse_poses(names: Sequence[str]) -> None:

@@ -255,7 +255,7 @@ class TeachingSession:
                 return []
         self._present = clean.pieces[-1].positions[-1]
         whole = [cut for cut in cuts if not cut.is_cut_off]
-        every = (cut.demonstration(clean.joint_names, self._name, "") for cut in whole)
+        every = (cut.demonstration(clean.joint_names, recording=self._name) for cut in whole)
         before = _spans(self.motions)
         self.motions = tuple(x for x in every if not _is_among(x, self._discarded_spans))
         n_torn, n_rest = len(cuts) - len(whole), clean.repairs.get("rest", 0)

@@ -232,10 +232,10 @@ def test_each_episode_of_a_dataset_is_a_motion(tmp_path: Path, version: str, nam
 def test_a_dataset_is_built_and_inspected(tmp_path: Path) -> None:
     write_dataset(tmp_path / "set", EPISODES, None, columns=["action"])
     options = ("--output", tmp_path / "reach.npz", "--topic", "action")
-    assert "doesn't name the 4 values of 'action'" in refusal(tmp_path / "set", *options)
+    assert "names of the 4 values of 'action' are none" in refusal(tmp_path / "set", *options)
     facts = build(tmp_path / "set", *options, "--joints", ",".join(JOINT_NAMES))
     assert facts["n_motions"] == len(EPISODES)
-    assert "doesn't name" in facts["notes"]["set"][0]
+    assert "of 'action' are none" in facts["notes"]["set"][0]
     status, out, _ = commands.run("inspect", tmp_path / "set", "--json")
     (found,) = json.loads(out)["files"]
     assert status == 2 and "no column of numbers is called 'observation.state'" in found["refusal"]

@@ -183,23 +183,16 @@ def choose_topic(topics: Sequence[Topic], topic: str | None = None) -> Topic:
         If there is no such topic, or there are several and none is given.
     """
     states = {item.name: item for item in topics if item.type == JOINT_STATE}
-    if topic in states:
-        return states[topic]
-    if topic is not None:
-        raise RecordingError(
-            f"there are no joint states on '{topic}'; topics with joint states: "
-            f"{quote_names(states)}"
-        )
-    if len(states) > 1:
-        raise RecordingError(
-            f"several topics hold joint states: {quote_names(states)}; choose one of these topics"
-        )
+    chosen = [*states] if topic is None else [topic]
+    if len(chosen) == 1 and chosen[0] in states:
+        return states[chosen[0]]
     if not states:
-        raise RecordingError(
-            f"no topic holds joint states ({JOINT_STATE}); topics: "
-            + (", ".join(f"'{item.name}' ({item.type})" for item in topics) or "none")
-        )
-    return next(iter(states.values()))
+        others = ", ".join(f"'{item.name}' ({item.type})" for item in topics) or "none"
+        raise RecordingError(f"no topic holds joint states ({JOINT_STATE}); topics: {others}")
+    problem = f"there are no joint states on '{topic}'"
+    if topic is None:
+        problem = "several topics hold joint states"
+    raise RecordingError(f"{problem}; choose one of these topics: {quote_names(states)}")
 
 
 @contextmanager

@@ -213,8 +213,8 @@ def test_names_of_datasets_are_read_or_given(
     ("names", "words"),
     [
         (["x", "y", "z"], "'x', 'y', 'z' are coordinates of poses and not joints"),
-        (["state"], "names 1 of the 3 values.*--joints"),
-        (["a", "b", "b"], "repeats a name among the 3 values.*--joints"),
+        (["state"], "names of the 3 values .* are 'state', not .*--joints"),
+        (["a", "b", "b"], "names of the 3 values .* are 'a', 'b', 'b', not .*--joints"),
         (3, "info.json' does not describe a LeRobot dataset"),
     ],
 )
@@ -330,7 +330,7 @@ def write_hostile(folder: Path, kind: str) -> Path:
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
-        ("label", "t: "),
+        ("label", "'t': "),
         ("parquet", "unpack to"),
     ],
 )
@@ -468,7 +468,9 @@ def test_vectors_of_two_arms_are_told_apart_by_renaming(tmp_path: Path) -> None:
     folder = write_dataset(
         tmp_path / "set", reaches(), {"motors": ["j1", "j2", "j3"]}, columns=arms
     )
-    with pytest.raises(RecordingError, match="same names.*--rename 'observation.state.right_arm"):
+    with pytest.raises(
+        RecordingError, match="not as many different ones.*--rename 'observation.state.right_arm"
+    ):
         mp.load_demonstrations(folder, topic=",".join(arms))
     rename = {f"{arms[0]}/*": "left_*"}
     found = mp.load_demonstrations(folder, topic=",".join(arms), rename=rename)
