@@ -504,22 +504,14 @@ def _reasons_to_leave_out(recordings: Sequence[Recording], options: LoadOptions)
     With `moving_only` they are those that move in no recording; unless joints are chosen, those of
     a gripper that does not move with the arm always are.
     """
-    still, idle = _still_joints(recordings), set[str]()
+    idle = _idle_grippers(recordings) if options.joints is None else set()
+    moving = {n for x in recordings for n in x.joint_names if n not in x.still_joints}
+    still = {name for x in recordings for name in x.still_joints} - moving
     if not options.moving_only:
-        still = (
-            {name for name in still if _GRIPPER.search(name)} if options.joints is None else set()
-        )
-    if options.joints is None:
-        idle = _idle_grippers(recordings) - still
+        still = {x for x in still if options.joints is None and _GRIPPER.search(x)}
     return dict.fromkeys(idle, "they move while the arm rests") | dict.fromkeys(
         still, "they never move"
     )
-
-
-def _still_joints(recordings: Sequence[Recording]) -> set[str]:
-    """The joints that move in no recording."""
-    moving = {n for x in recordings for n in x.joint_names if n not in x.still_joints}
-    return {name for x in recordings for name in x.still_joints} - moving
 
 
 def _idle_grippers(recordings: Sequence[Recording]) -> set[str]:

@@ -100,10 +100,10 @@ class Bag:
             self._files = [
                 _opened(file, stack, salvage=salvage) for file in _plain_files(named, stack)
             ]
-        self._connections = [found for file in self._files for found in file.connections]
         counts = Counter[tuple[str, str]]()
-        for found in self._connections:
-            counts[found.topic, found.msgtype] += found.msgcount
+        for file in self._files:
+            for found in file.connections:
+                counts[found.topic, found.msgtype] += found.msgcount
         damaged = [file.damage for file in self._files if isinstance(file, ScannedFile)]
         is_unfinished = path.suffix == ".active"
         if not counts and (is_unfinished or any(damaged)):
