@@ -42,14 +42,6 @@ HAS_CONTROL_MSGS = JointTrajectoryControllerState is not None
 
 
 _SUCCEEDED, _CANCELED = 4, 5  # of action_msgs/GoalStatus
-_CODES = {
-    0: "SUCCESSFUL",
-    -1: "INVALID_GOAL",
-    -2: "INVALID_JOINTS",
-    -3: "OLD_HEADER_TIMESTAMP",
-    -4: "PATH_TOLERANCE_VIOLATED",
-    -5: "GOAL_TOLERANCE_VIOLATED",
-}
 
 Hear = Callable[[Trajectory, str, MotionOutcome | None], None]
 
@@ -213,7 +205,8 @@ class ControllerAction:
     def _on_result(self, entry: _SentGoal, future: Any) -> None:
         self._forget(entry)
         status, result = future.result().status, future.result().result
-        code = f"{result.error_code} ({_CODES.get(result.error_code, 'unknown')})"
+        constants = {v: name for name, v in vars(type(result)).items() if isinstance(v, int)}
+        code = f"{result.error_code} ({constants.get(result.error_code, 'unknown')})"
         end = {_SUCCEEDED: "ended", _CANCELED: "cancelled"}.get(status, "aborted")
         text = to_text(f"{end} the goal with code {code}: {result.error_string or 'no text'}")
         failure = None if status == _SUCCEEDED else MotionOutcome.NOT_FOLLOWED

@@ -266,7 +266,8 @@ class Workers:
             reason = "the obstacles were lost as both workers have ended: publish them again"
             self.planner.send(LoseObstacles(reason))
         elif self.has_obstacles:
-            self._heir, self._meanwhile = worker, []
+            self._meanwhile = self._meanwhile if self._heir is worker else []
+            self._heir = worker
             other.send(TakeObstacles())
         if worker is self.watcher:
             self._is_up, self._watched = False, None
