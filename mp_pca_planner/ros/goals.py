@@ -29,7 +29,7 @@ from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..planning.resolve import in_order
 from ..recordings.joint_states import ENCAPSULATION, NS_PER_S
 from ..robot.model import Robot
-from .messages import to_seconds
+from .messages import to_pose, to_seconds
 
 PoseOf = Callable[[str], FloatArray | None]
 """Returns the pose of a frame in the base frame, shape (7,), or None if it is unknown."""
@@ -232,10 +232,7 @@ def to_sequence_message(goal: SequenceGoal) -> JointTrajectory:
 
 def to_pose_message(pose: Pose) -> PoseStamped:
     """Write a pose that is stated in the frame that it names; a free orientation becomes zeros."""
-    message = PoseStamped()
+    turn = np.zeros(4) if pose.orientation is None else pose.orientation
+    message = PoseStamped(pose=to_pose([*pose.position, *turn]))
     message.header.frame_id = pose.frame
-    to, turned = message.pose.position, message.pose.orientation
-    to.x, to.y, to.z = pose.position.tolist()
-    free = [0.0] * 4 if pose.orientation is None else pose.orientation.tolist()
-    turned.x, turned.y, turned.z, turned.w = free
     return message

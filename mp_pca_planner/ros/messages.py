@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point, Pose, Quaternion
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from trajectory_msgs.msg import JointTrajectory
 
@@ -43,6 +44,13 @@ def to_trajectory(message: JointTrajectory) -> Trajectory:
 def to_seconds(time: Duration | Time) -> float:
     """Convert a duration or a time of ROS [s]."""
     return float(time.sec + time.nanosec / NS_PER_S)
+
+
+def to_pose(numbers: Iterable[float]) -> Pose:
+    """Write a position [m] and a quaternion (x, y, z, w)."""
+    x, y, z, *turn = map(float, numbers)
+    orientation = Quaternion(**dict(zip("xyzw", turn, strict=True)))
+    return Pose(position=Point(x=x, y=y, z=z), orientation=orientation)
 
 
 def to_plan_report(

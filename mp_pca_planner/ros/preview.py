@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ET
 from contextlib import suppress
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -17,6 +17,7 @@ from ..exceptions import RobotError
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
 from ..robot.urdf import StatedShape, stated_shape
+from .messages import to_pose
 
 _LAST = ColorRGBA(r=0.1, g=0.8, b=0.3, a=0.6)
 
@@ -63,12 +64,11 @@ def shape_markers(robot: Robot, urdf: str, q: FloatArray) -> list[Marker]:
     origins = np.reshape([origin for _, origin, *_ in drawn], (-1, 6))
     (poses,) = robot.attached_poses(q[None], [name for name, *_ in drawn], origins).tolist()
     markers = []
-    for k, ((*_, kind, scale, mesh), (x, y, z, *turn)) in enumerate(zip(drawn, poses, strict=True)):
+    for k, ((*_, kind, scale, mesh), pose) in enumerate(zip(drawn, poses, strict=True)):
         marker = Marker(ns="last_pose", id=k, type=kind, color=_LAST)
         marker.scale = Vector3(x=scale[0], y=scale[1], z=scale[2])
         marker.mesh_resource = mesh
-        orientation = Quaternion(x=turn[0], y=turn[1], z=turn[2], w=turn[3])
-        marker.pose = Pose(position=Point(x=x, y=y, z=z), orientation=orientation)
+        marker.pose = to_pose(pose)
         markers.append(marker)
     return markers
 

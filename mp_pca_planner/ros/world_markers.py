@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..robot.world import Box, Capsule, Cylinder, Mesh, Shape, Sphere, World
+from .messages import to_pose
 
 _COLOUR = ColorRGBA(r=0.9, g=0.5, b=0.1, a=0.8)
 
@@ -50,9 +51,7 @@ def _parts(shape: Shape) -> list[Shape]:
 
 def _marker(shape: Shape) -> Marker:
     marker = Marker(action=Marker.ADD)
-    x, y, z, *turn = shape.pose.tolist()
-    orientation = Quaternion(x=turn[0], y=turn[1], z=turn[2], w=turn[3])
-    marker.pose = Pose(position=Point(x=x, y=y, z=z), orientation=orientation)
+    marker.pose = to_pose(shape.pose)
     if isinstance(shape, Mesh):
         marker.type, scale = Marker.TRIANGLE_LIST, [1.0, 1.0, 1.0]
         corners = shape.vertices[np.ravel(shape.triangles)]

@@ -117,7 +117,7 @@ def test_goal_takes_positions_velocities_and_the_primitive_from_the_frame() -> N
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (configuration([], []), "at least one"),
+        (configuration([], []), "joints of a state: non-empty"),
         (configuration([]), "has 0 positions .* for 4 joints"),
         (configuration(velocity=[1.0, 2.0]), "has 4 positions and 2 velocities for 4 joints"),
         (configuration([1.0, 2.0], ["a", "a"]), "'a' given more than once"),
