@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import PlannerError, RobotError, quote_names
+from ..exceptions import PlannerError, RobotError, quote_names, require
 from ..files import check_writable
 from .terminal import say
 
@@ -138,9 +138,9 @@ def check_output(path: Path | None, suffix: str, *, force: bool) -> None:
     if path is None:
         return
     if suffix in (".png", ".html"):
-        from ..plotting.style import require_matplotlib, require_pages
-
-        (require_pages if suffix == ".html" else require_matplotlib)()
+        require("matplotlib.figure", "plot", "drawing a picture")
+    if suffix == ".html":
+        require("jinja2", "plot", "making a page")
     if path.suffix != suffix:
         raise PlannerError(f"the output '{path}' must end in {suffix}")
     check_writable(path, overwrite=force)

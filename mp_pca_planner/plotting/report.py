@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Sequence
 from functools import partial
 from math import ceil
@@ -90,7 +89,6 @@ def report_page(
         angle_variance=variance_table(angles, 4),
         refused=recordings.refused,
         foreign=foreign,
-        repairs=_repairs(recordings.reports),
         meanings=REPAIRS,
         reports=recordings.reports,
         images=[
@@ -98,16 +96,6 @@ def report_page(
             for report in recordings.reports[:_MAX_RECORDINGS_DRAWN]
         ],
     )
-
-
-def _repairs(reports: Sequence[Recording]) -> list[tuple[str, int, int]]:
-    """Kinds of repairs that were made, how often, and in how many recordings."""
-    totals, concerned = Counter[str](), Counter[str]()
-    for report in reports:
-        totals.update(report.repairs)
-        concerned.update(kind for kind, count in report.repairs.items() if count)
-    kinds = [*REPAIRS, *sorted(totals.keys() - REPAIRS.keys())]
-    return [(kind, totals[kind], concerned[kind]) for kind in kinds if totals[kind]]
 
 
 def recording_figure(figure: Figure, report: Recording, prismatic: Collection[str] = ()) -> None:

@@ -228,18 +228,6 @@ def picture(path: str | Path | io.BytesIO, *, force: bool = False) -> Iterator[F
         write_whole(path, content.getvalue(), overwrite=force)
 
 
-def require_pages() -> None:
-    """Check that pages with figures can be made.
-
-    Raises
-    ------
-    MissingDependencyError
-        If matplotlib or jinja2 is not installed.
-    """
-    require_matplotlib()
-    require("jinja2", "plot", "making a page")
-
-
 def render(template: str, **content: Any) -> str:
     """Fill a template of the folder `templates`; text is escaped.
 
