@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import (
     FloatArray,
+    check_number,
     check_type,
     frozen_array,
     set_frozen,
@@ -233,9 +234,8 @@ class Mesh(Shape):
     ) -> None:
         points = _coordinates(vertices, (None, 3), "vertices of a mesh")
         indices = frozen_array(triangles, (None, 3), "triangles of a mesh", WorldError)
-        most, whole = INPUT_LIMITS.mesh_triangles, indices.astype(np.intp)
-        if not 1 <= len(indices) <= most:
-            raise WorldError(f"a mesh must have 1 to {most} triangles, got {len(indices)}")
+        whole, what = indices.astype(np.intp), "the number of triangles of a mesh"
+        check_number(len(indices), what, WorldError, 1, INPUT_LIMITS.mesh_triangles, is_whole=True)
         if np.any(indices != whole) or whole.min() < 0 or whole.max() >= len(points):
             raise WorldError(
                 f"triangles of a mesh must be indices of its {len(points)} vertices, from 0 to "
@@ -403,12 +403,12 @@ class World:
             unique_names([obstacle.name for obstacle in bodies], "obstacles", WorldError)
         shapes = [shape for obstacle in bodies for shape in obstacle.shapes]
         n_triangles = sum(len(shape.triangles) for shape in shapes if isinstance(shape, Mesh))
-        for count, most, kind in (
-            (len(shapes), INPUT_LIMITS.shapes, "shapes"),
-            (n_triangles, INPUT_LIMITS.triangles, "triangles"),
+        for count, kind, most in (
+            (len(shapes), "shapes", INPUT_LIMITS.shapes),
+            (n_triangles, "triangles", INPUT_LIMITS.triangles),
         ):
-            if count > most:
-                raise WorldError(f"a world of {count} {kind} is too large: at most {most} are used")
+            what = f"the number of {kind} of a world"
+            check_number(count, what, WorldError, 0, most, is_whole=True)
         pairs = frozenset((min(pair), max(pair)) for pair in allowed)
         set_frozen(self, obstacles=bodies, allowed=pairs)
 

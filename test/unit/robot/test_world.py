@@ -24,7 +24,7 @@ TURNED = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
         (lambda: mp.World([mp.Obstacle("a", mp.Sphere(1.0))] * 2), "'a' given more than once"),
         (
             lambda: mp.World([mp.Obstacle("a", [mp.Sphere(1.0)] * (INPUT_LIMITS.shapes + 1))]),
-            "1001 shapes is too large: at most 1000",
+            "shapes of a world must be .* to 1000, got 1001",
         ),
         (lambda: mp.World().without(["c"]), "no obstacle is called 'c'"),
     ],
