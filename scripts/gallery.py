@@ -50,7 +50,7 @@ def example(n_motions: int = 40) -> Example:
     urdf = mp.config_file("human_arm.urdf")
     with tempfile.TemporaryDirectory() as folder:
         bag = mp.write_example_recording(Path(folder) / "session.mcap", n_motions)
-        recordings = mp.load_demonstrations(bag, robot=urdf, overviews=True)
+        recordings = mp.load_demonstrations(bag, robot=urdf)
     primitive = mp.MovementPrimitive.fit(recordings, name="raise_arm")
     robot = mp.Robot.from_file(urdf, primitive.joint_names)
     return Example(recordings, primitive, robot, recordings[0].positions[0])

@@ -165,7 +165,6 @@ def _load(arguments: argparse.Namespace, robot: Robot | None) -> RecordingSet:
             segment=arguments.segment,
             segments_csv=arguments.segments,
             segmentation=SegmentationOptions(arguments.min_rest, arguments.cut),
-            overviews=arguments.report is not None,
             jobs=arguments.jobs,
             dask=arguments.dask,
             same_joints=True,

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..control.law import control_statement
-from ..exceptions import PlannerError
 from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive, prediction_words
 from ..primitives.timing import own_phases
+from ..recordings.cutting import overview, smoothed
 from ..recordings.recording import REPAIRS, Recording
 from ..recordings.recording_set import RecordingSet
 from .primitive import primitive_figure
@@ -54,7 +54,7 @@ def report_page(
     Parameters
     ----------
     recordings :
-        The loaded recordings, with overviews.
+        The loaded recordings.
     primitive :
         The primitive of all its demonstrations, in this order.
     foreign :
@@ -106,18 +106,12 @@ def recording_figure(figure: Figure, report: Recording, prismatic: Collection[st
     figure : Figure
         An empty figure, see :func:`.styled_figure`.
     report : Recording
-        The recording, with an overview.
+        The recording.
     prismatic : collection of str
         Joints that are measured in metres.
-
-    Raises
-    ------
-    PlannerError
-        If the report has no overview.
     """
-    if report.overview is None or report.thresholds is None:
-        raise PlannerError(f"recording '{report.name}' can't be drawn: its report has no overview")
-    times, positions, speed = report.overview
+    pieces, thresholds = smoothed(report)
+    times, positions, speed = overview(pieces)
     joints = [palette_line(name, i, 1.4) for i, name in enumerate(report.joint_names)]
     unit = unit_of(report.joint_names, prismatic)
     figure.set_size_inches(12.0, 3.6)
@@ -126,9 +120,9 @@ def recording_figure(figure: Figure, report: Recording, prismatic: Collection[st
     for values, style in zip(positions.T, joints, strict=True):
         above.plot(times, unit.factor * values, **style)
     below.plot(times, unit.factor * speed, color=BLACK, linewidth=1.4)
-    for threshold in (report.thresholds.rest, report.thresholds.moving):
+    for threshold in (thresholds.rest, thresholds.moving):
         below.axhline(unit.factor * threshold, color=GREY, linestyle="--", linewidth=1.0)
-    at_rest = speed <= report.thresholds.rest
+    at_rest = speed <= thresholds.rest
     for axes in (above, below):
         whole: Line = {"transform": axes.get_xaxis_transform(), "linewidth": 0}
         axes.fill_between(times, 0.0, 1.0, where=at_rest, color=LINES["rest"]["color"], **whole)

@@ -18,16 +18,18 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names, unknown_name
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from .demonstration import Demonstration
-from .recording import Overview, Recording, Samples, Segment, SpeedThresholds
+from .recording import Recording, Samples, Segment
 from .segmentation import (
     MIN_EXTENT,
     MOVING_RATIO,
     SegmentationOptions,
     SmoothPiece,
+    SpeedThresholds,
     extent,
     find_motions,
     joint_speed,
@@ -267,6 +269,15 @@ def _without_rest(cuts: Sequence[Cut], pieces: Sequence[Samples], least_of_set: 
             "segments if these movements are motions"
         )
     return kept
+
+
+Overview = tuple[FloatArray, FloatArray, FloatArray]
+"""A whole recording in few samples, for a figure.
+
+Its times since the first message [s], shape (n_samples,), NaN between the pieces; its joint
+positions [rad or m], shape (n_samples, n_joints); the highest norm of the joint velocities up to
+the next sample [rad/s or m/s], shape (n_samples,).
+"""
 
 
 def overview(pieces: Sequence[SmoothPiece]) -> Overview:

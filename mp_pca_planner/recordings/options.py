@@ -62,8 +62,6 @@ class LoadOptions:
         them are noted. See :func:`.load.facts_of_robot`.
     salvage : bool
         Takes the messages before the damage of a damaged recording.
-    overviews : bool
-        Adds overviews of the recordings to the reports.
 
     Raises
     ------
@@ -86,7 +84,6 @@ class LoadOptions:
     prismatic: Collection[str] = ()
     position_limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     salvage: bool = False
-    overviews: bool = False
 
     def __post_init__(self) -> None:
         check_choice(self.segment, "segment", RecordingError, ("auto", "none"))

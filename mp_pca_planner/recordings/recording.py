@@ -82,22 +82,6 @@ class MarkerResidual:
 
 
 @dataclass(frozen=True)
-class SpeedThresholds:
-    """Speeds that separate rest from motion: norms over the joints [rad/s or m/s].
-
-    Attributes
-    ----------
-    rest : float
-        Under it the joints rest.
-    moving : float
-        A motion has a peak over it.
-    """
-
-    rest: float
-    moving: float
-
-
-@dataclass(frozen=True)
 class Segment:
     """Interval of a recording that holds one motion.
 
@@ -118,15 +102,6 @@ class Segment:
     label: str = ""
     extent: float = 0.0
     where: str = ""
-
-
-Overview = tuple[FloatArray, FloatArray, FloatArray]
-"""A whole recording in few samples, for a figure.
-
-Its times since the first message [s], shape (n_samples,), NaN between the pieces; its joint
-positions [rad or m], shape (n_samples, n_joints); the highest norm of the joint velocities up to
-the next sample [rad/s or m/s], shape (n_samples,).
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,10 +143,6 @@ class Recording:
         Its name, its place and its storage format.
     motions : tuple of Segment
         The motions that are cut out of it, in order.
-    thresholds : SpeedThresholds
-        Speeds of rest and motion, determined from the recording.
-    overview : Overview or None
-        The recording in few samples, on request.
     """
 
     joint_names: tuple[str, ...]
@@ -192,8 +163,6 @@ class Recording:
     path: str = ""
     format: str = ""
     motions: tuple[Segment, ...] = ()
-    thresholds: SpeedThresholds | None = None
-    overview: Overview | None = None
 
     @property
     def duration(self) -> float:

@@ -24,7 +24,7 @@ from ..arrays import FloatArray, check_choice, check_number
 from ..exceptions import RecordingError
 from ..lazy import LazyModule
 from .continuity import noise_deviation
-from .recording import Samples, SpeedThresholds
+from .recording import Samples
 
 interpolate, signal = LazyModule("scipy.interpolate"), LazyModule("scipy.signal")
 
@@ -176,6 +176,22 @@ class SegmentationOptions:
     def __post_init__(self) -> None:
         check_number(self.min_rest, "the shortest rest 'min_rest' [s]", RecordingError, 1e-3)
         check_choice(self.cut, "the kind of cuts", RecordingError, CUTS)
+
+
+@dataclass(frozen=True)
+class SpeedThresholds:
+    """Speeds that separate rest from motion: norms over the joints [rad/s or m/s].
+
+    Attributes
+    ----------
+    rest : float
+        Under it the joints rest.
+    moving : float
+        A motion has a peak over it.
+    """
+
+    rest: float
+    moving: float
 
 
 def joint_speed(velocities: FloatArray) -> FloatArray:
