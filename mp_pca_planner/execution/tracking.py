@@ -48,8 +48,6 @@ _LAST = 0.05
 _LEAD = 0.35
 # How far states may be ahead of their time, as stamps and clocks are rounded [s].
 _AHEAD = 0.002
-# Motions that a robot may follow in place of the newest one, as messages are lost or on their way.
-_MOST_BEFORE = 4
 # Samples of the last moments of a motion, and of a whole path.
 _N_MOMENTS, _N_PLACES = 20, 200
 # A robot's own lag is known from so many observations, at this speed [rad/s or m/s] or more; it
@@ -274,9 +272,10 @@ class Tracker:
         self.measured, self.clock = measured, clock
         self.controller = ControllerStates()
         self.motion: PublishedMotion | None = None
-        # Motions before it that the robot may follow instead, the newest first.
-        self._before: list[PublishedMotion] = []
-        # Whether it was seen to.
+        # The motion that the robot may follow instead, and the one that it follows for all we know.
+        self._before: PublishedMotion | None = None
+        self._current: PublishedMotion | None = None
+        # Whether it was seen to follow the one before.
         self._is_lossy = False
         # Until it was at rest again, a robot that is slowed looks like one with slow servos.
         self._lags: deque[float] = deque(maxlen=_MOST_LAGS)
@@ -286,22 +285,20 @@ class Tracker:
     def expect(self, joint_names: tuple[str, ...]) -> None:
         """Set the joints whose state is needed; states and motions of others are forgotten."""
         self.measured.expect(joint_names)
-        self.motion, self._before = None, []
+        self.motion = self._before = self._current = None
 
     def publish(self, motion: PublishedMotion) -> None:
         """Record that a motion was published."""
-        if self.motion is not None:
-            self._before = [self.motion, *self._before[: _MOST_BEFORE - 1]]
+        self._before = self._current
         if motion.began >= motion.time and not motion.sent.velocities[0].any():
             # A robot at rest stays there if the controller does not take the motion.
             held = hold(motion.sent.joint_names, motion.sent.positions[0])
-            self._before = [PublishedMotion(held, motion.time)]
-        self.motion = motion
+            self._before = PublishedMotion(held, motion.time)
+        self.motion = self._current = motion
 
     def give_up(self) -> None:
         """Record that the controller has not taken the motion that was published last."""
-        if self._before:
-            self.motion = self._before.pop(0)
+        self.motion, self._before = self._before or self.motion, None
 
     def where(self, settings: Settings) -> Where:
         """Where the robot is.
@@ -318,7 +315,7 @@ class Tracker:
             away = np.abs(command.state.positions - measured.positions)
             command = command if np.all(away <= _BELIEVED + lag) else None
         if self.motion is not None and now < self.motion.began - 1.0:
-            self.motion, self._before = None, []  # time was set back
+            self.motion = self._before = self._current = None  # time was set back
         following = self._followed(now, measured, command, settings)
         may_stamp = settings.stamp_trajectories and self.measured.stamps.is_usable
         lags = bool(self._lags) and self._lags[-1] > _LAG_SPREAD and not self._is_lag_known
@@ -338,27 +335,24 @@ class Tracker:
         found = _follow(self.motion, *arguments)
         if found.how is How.ON_TIME and command is None:
             self._observe_lag(found.motion, measured, settings)
+        before = None if self._before is None else _follow(self._before, *arguments)
         is_known = (How.ON_TIME, How.SCALED)
-        before = [_follow(motion, *arguments) for motion in self._before]
-        possible = [one for one in before if one.how in is_known]
-        if found.how in is_known:
-            self._before = [one.motion for one in possible]
-            self._is_lossy = self._is_lossy and bool(possible)
-            if self._is_lossy and measured.at_rest:  # perhaps at the end of one before
-                return min((found, *possible), key=lambda one: one.distance)
-            return found
-        if not possible:
-            return found
-        if found.how is How.LED:  # at first, that is near the motion before, too
-            return found
-        if command is None and measured.time <= self.motion.time:
+        if before is None or before.how not in is_known:
+            if found.how in is_known:
+                self._before, self._is_lossy = None, False
+        elif found.how in is_known:
+            if self._is_lossy and measured.at_rest:  # perhaps at the end of the one before
+                found = min(found, before, key=lambda one: one.distance)
+        elif found.how is How.LED:
+            pass  # at first, that is near the motion before, too
+        elif command is None and measured.time <= self.motion.time:
             # A state of before the motion was sent says nothing on it.
             place = now - self.motion.began
-            return replace(possible[0], motion=self.motion, place=place, rate=1.0)
-        if possible[0].is_over and not measured.at_rest and found.how is How.BEHIND:
-            return found  # it has left the end of the one before
-        self._is_lossy = True
-        return possible[0]
+            found = replace(before, motion=self.motion, place=place, rate=1.0)
+        elif not before.is_over or measured.at_rest or found.how is not How.BEHIND:
+            found, self._is_lossy = before, True  # else it has left the end of the one before
+        self._current = found.motion
+        return found
 
     def _observe_lag(
         self, motion: PublishedMotion, measured: MeasuredState, settings: Settings
