@@ -398,16 +398,13 @@ class MotionServer:
             where = self.tracker.where(model.settings)
             start = choose_start(where, model.settings, attempt.lookahead)
             goal = request.goal if request.make_goal is None else request.make_goal(start.state)
-        except UnconfirmedError as error:
-            # States that ceased long ago do not come back soon.
-            age = self.tracker.measured.age
-            if now > attempt.deadline or age is None or age > _CONFIRMATION:
-                self._failed(attempt, str(error))
-            else:
-                self._retry = attempt
-            return
         except PlannerError as error:
-            self._failed(attempt, str(error))
+            # States that ceased long ago do not come back soon.
+            is_heard = (self.tracker.measured.age or 0.0) <= _CONFIRMATION
+            if isinstance(error, UnconfirmedError) and is_heard and now <= attempt.deadline:
+                self._retry = attempt
+            else:
+                self._failed(attempt, str(error))
             return
         execution = self.execution
         is_free = math.isinf(self._verdict.place) and not attempt.is_detour
@@ -472,19 +469,16 @@ class MotionServer:
             self._check_carriers(attempt)
             motion = join(planned.trajectory, start, where)
             self._check(motion, planned, start, where, model)
-        except TooLateError as error:
-            if attempt.number >= _MAX_ATTEMPTS and not attempt.is_detour:
-                self._failed(attempt, str(error))
-                return
-            attempt.number += 1
-            attempt.lookahead = 2.0 * max(now - attempt.began, attempt.lookahead)
-            if self._waiting is not None:
-                self._overtaken(attempt.request)
-                return
-            self._begin(attempt)
-            return
         except PlannerError as error:
-            self._failed(attempt, str(error))
+            may_repeat = attempt.is_detour or attempt.number < _MAX_ATTEMPTS
+            if not isinstance(error, TooLateError) or not may_repeat:
+                self._failed(attempt, str(error))
+            elif self._waiting is None:
+                attempt.number += 1
+                attempt.lookahead = 2.0 * max(now - attempt.began, attempt.lookahead)
+                self._begin(attempt)
+            elif not attempt.is_detour:
+                self._overtaken(attempt.request)
             return
         self._may_cancel, reason = True, self._verdict.reason
         detour = f"it took a detour, because {reason}" if attempt.is_detour else ""
@@ -494,9 +488,8 @@ class MotionServer:
         if attempt.is_detour:
             self._outputs.log(f"{reason}: another motion leads to the goal")
         else:
-            request = attempt.request
-            ignored = request.ignored_joints
-            self._conclude(GoalOutcome.SERVED, request.name, "", planned, ignored)
+            name, ignored = attempt.request.name, attempt.request.ignored_joints
+            self._conclude(GoalOutcome.SERVED, name, "", planned, ignored)
 
     def _check_carriers(self, attempt: _Attempt) -> None:
         """Raise a `TooLateError` if a joint that carries the arm has moved since the request."""
@@ -545,13 +538,8 @@ class MotionServer:
                     )
             if start.time >= self._threat_time():
                 raise GoalError(f"{self._verdict.reason} before another motion could begin")
-        settings = model.settings
-        check_executable(
-            motion.sent,
-            check,
-            first,
-            allow_nonzero_end_velocity=settings.allow_nonzero_end_velocity,
-        )
+        may_move = model.settings.allow_nonzero_end_velocity
+        check_executable(motion.sent, check, first, allow_nonzero_end_velocity=may_move)
 
     def _publish(self, execution: Execution, *, is_detour: bool = False) -> None:
         """Publish a motion, the only place where that is done; it replaces the one before."""
@@ -580,28 +568,25 @@ class MotionServer:
 
     def _react(self, where: Where | GoalError, now: float) -> None:
         """Replace the running motion, or stop the robot, before it hits an obstacle."""
-        execution, following = self.execution, None
-        if not isinstance(where, GoalError):
-            following = where.following
+        execution = self.execution
+        following = None if isinstance(where, GoalError) else where.following
         if execution is None or execution.is_stop or self.watcher is None:
             return
-        motion = execution.motion
-        if following is not None and following.is_running:
-            motion = following.motion  # the one before, if the controller has not taken that
+        runs = following is not None and following.is_running
+        # The one before, if the controller has not taken that.
+        motion = following.motion if following is not None and runs else execution.motion
         if motion is not self._watching:
             self._watch(motion)
-        on_it = following if following is not None and following.motion is motion else None
-        if on_it is not None:
-            if on_it.is_over:
-                return
-            if on_it.is_running:
-                self.watcher.send(Place(self._watched, on_it.place))
+        if following is not None and following.motion is motion and following.is_over:
+            return
+        if following is not None and runs:
+            self.watcher.send(Place(self._watched, following.place))
         verdict = self._verdict
         if not math.isfinite(verdict.place):
             return
-        if on_it is not None and on_it.is_running:
-            left = (verdict.place - on_it.place) / max(on_it.rate, 0.01)
-            if verdict.last < on_it.place:
+        if following is not None and runs:
+            left = (verdict.place - following.place) / max(following.rate, 0.01)
+            if verdict.last < following.place:
                 return  # it has passed
         elif following is not None and following.at_rest:
             left = 0.0  # when a held robot moves on is unknown

@@ -298,7 +298,8 @@ class Tracker:
 
     def give_up(self) -> None:
         """Record that the controller has not taken the motion that was published last."""
-        self.motion, self._before = self._before or self.motion, None
+        self.motion = self._current = self._before or self.motion
+        self._before = None
 
     def where(self, settings: Settings) -> Where:
         """Where the robot is.
