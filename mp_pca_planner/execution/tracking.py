@@ -396,10 +396,9 @@ def _follow(
     is_near = bool(np.all(away <= settings.following_tolerance))
     # A controller leads to a single point by a path of its own.
     is_there = known or (measured.at_rest and then >= motion.duration)
-    if is_near and is_there and command is None:
-        return _seen(motion, How.ON_TIME, now, place, 1.0, q, measured)
-    if is_near and not known and not measured.at_rest:
-        return _seen(motion, How.LED, now, place, 0.0, q, measured)
+    if is_near and command is None and (is_there or not measured.at_rest):
+        how, rate = (How.ON_TIME, 1.0) if is_there else (How.LED, 0.0)
+        return _seen(motion, how, now, place, rate, q, measured)
     places = np.linspace(0.0, motion.duration, _N_PLACES)
     path, _, _ = motion.sample(places)
     k = int(np.abs(path - measured.positions).max(axis=1).argmin())
