@@ -388,6 +388,7 @@ def _motions_of(task: LoadTask, recording: Recording, least_extent: float) -> Re
         motions=tuple(
             Segment(x.start_time, x.end_time, x.label, extent(x.positions)) for x in motions
         ),
+        thresholds=thresholds,
         notes=(*recording.all_notes, *_absurd(motions, options), *_beyond_limits(motions, options)),
     )
     return RecordingSet(motions, (report,))

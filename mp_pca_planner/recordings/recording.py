@@ -6,11 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import quote_names
+
+if TYPE_CHECKING:
+    from .segmentation import SpeedThresholds
 
 MIN_SAMPLES = 10
 """Least number of samples of a motion."""
@@ -143,6 +147,8 @@ class Recording:
         Its name, its place and its storage format.
     motions : tuple of Segment
         The motions that are cut out of it, in order.
+    thresholds : SpeedThresholds
+        Speeds of rest and motion, determined from the recording.
     """
 
     joint_names: tuple[str, ...]
@@ -163,6 +169,7 @@ class Recording:
     path: str = ""
     format: str = ""
     motions: tuple[Segment, ...] = ()
+    thresholds: SpeedThresholds | None = None
 
     @property
     def duration(self) -> float:

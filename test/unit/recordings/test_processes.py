@@ -36,7 +36,7 @@ def test_processes_and_any_executor_give_the_same_result(bags: Path) -> None:
         threads = load_recordings(bags, executor=executor)
     for found in (several, threads):
         for one, other in zip(found.reports, alone.reports, strict=True):
-            fields = ("name", "n_messages", "repairs", "notes", "motions", "checksum")
+            fields = ("name", "n_messages", "repairs", "notes", "motions", "thresholds", "checksum")
             assert [getattr(one, x) for x in fields] == [getattr(other, x) for x in fields]
         assert [refused.recording for refused in found.refused] == ["broken"]
         assert [one.checksum for one in found] == [one.checksum for one in alone]
