@@ -418,11 +418,16 @@ def compile_program(context: Context, request: Request, setting: Setting) -> Mot
     links = Chain(junctions, segments) if request.mode else None
     if links:
         starts = [links.start]
-    else:  # the cheapest first
-        given = setting.bases[0].starts[: 1 if near else None]
-        starts = [segments[0].unknowns.from_weights(one) for one in given]
-        if len(starts) > 1:
-            starts.sort(key=lambda x: segments[0].at(x).cost + segments[0].naturalness(x)[0])
+    else:
+        basis, motion = setting.bases[0], setting.initial[0]
+        weights = list(basis.starts[: 1 if near else None])
+        starts = [segments[0].unknowns.from_weights(one) for one in weights]
+        if len(starts) > 1:  # the cheapest first
+            costs = [segments[0].naturalness(x)[0] for x in starts]
+            for i, one in enumerate(weights):
+                tried = replace(motion, weights=one)
+                costs[i] += cost_of(context.robot, tried, basis.tables, setting.objectives)
+            starts = [starts[i] for i in np.argsort(costs, kind="stable")]
     collision, clear = context.collision, setting.bases[0].is_detour
     among = collision is not None and len(collision.world)
     if collision is not None and among and not (clear or links or request.is_shortest):
