@@ -241,25 +241,22 @@ def _is_there(
 ) -> bool:
     """Whether the robot rests, within its limits, at a target at which it is to rest."""
     limits = context.limits
-    if np.any(here.positions != np.clip(here.positions, limits.lower, limits.upper)):
-        return False
+    inside = np.array_equal(here.positions, np.clip(here.positions, limits.lower, limits.upper))
+    return inside and max(_offsets(context, aim, here, what)) <= _THERE
+
+
+def _offsets(
+    context: Context, aim: JointState | Pose, here: JointState, what: str
+) -> tuple[float, float]:
+    """The largest distance from a target [rad or m], and the largest rate here or there."""
     rates = [here.velocities]
     if isinstance(aim, JointState):
         aim = completed(aim, here, context.robot, what)
-        rates += [aim.velocities, aim.accelerations]
-    missed = _distance(context, aim, here)
-    return bool(missed <= _THERE and np.abs(rates).max() <= _THERE)
-
-
-def _distance(context: Context, aim: JointState | Pose, here: JointState) -> float:
-    """The largest distance from a target [rad or m]."""
-    if isinstance(aim, JointState):
-        missed = aim.positions - here.positions
+        missed, rates = aim.positions - here.positions, [*rates, *aim.values[1:]]
     else:
-        missed, _ = context.robot.pose_error(
-            aim.frame, here.positions, aim.position, aim.orientation
-        )
-    return float(np.abs(missed).max())
+        place = aim.position, aim.orientation
+        missed, _ = context.robot.pose_error(aim.frame, here.positions, *place)
+    return float(np.abs(missed).max()), float(np.abs(rates).max())
 
 
 def _cheapest_first(
@@ -400,9 +397,8 @@ def _sequence(
 def _n_passed(context: Context, goal: SequenceGoal, here: JointState) -> int:
     """The number of initial targets at the robot's position."""
     for n_passed, (aim, when) in enumerate(zip(goal.targets[:-1], goal.times[:-1], strict=True)):
-        if isinstance(aim, JointState):
-            aim = completed(aim, here, context.robot, f"target {n_passed + 1}")
-        if _distance(context, aim, here) > _HERE:
+        missed, _ = _offsets(context, aim, here, f"target {n_passed + 1}")
+        if missed > _HERE:
             return n_passed
         if when is not None:
             raise GoalError(
