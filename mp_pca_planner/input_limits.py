@@ -17,6 +17,8 @@ class InputLimits:
         Text file: URDF, SRDF, CSV, JSON.
     yaml_bytes : int
         YAML text.
+    definition_characters : int
+        Definition of messages in a bag; large definitions of ROS have a third of that.
     unpacked_bytes : int
         Content of a CSV file.
     columns : int
@@ -70,6 +72,7 @@ class InputLimits:
 
     text_bytes: int = 16 << 20
     yaml_bytes: int = 1 << 20
+    definition_characters: int = 1 << 17
     unpacked_bytes: int = 256 << 20
     columns: int = 10_000
     small_table_values: int = 500_000

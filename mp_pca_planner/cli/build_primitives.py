@@ -255,8 +255,9 @@ def _marker_source(arguments: argparse.Namespace) -> MarkerSource | None:
     if arguments.markers is None and arguments.marker_map is None:
         return None
     needed = arguments.markers, arguments.robot, arguments.marker_map
-    if None in needed or arguments.topic:
-        raise RecordingError("--markers needs --robot and --marker-map, and excludes --topic")
+    if None in needed or arguments.topic or arguments.field:
+        needs = "--markers needs --robot and --marker-map, and excludes --topic and --field"
+        raise RecordingError(needs)
     return marker_source(*needed, arguments.joints)
 
 

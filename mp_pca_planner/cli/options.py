@@ -83,6 +83,8 @@ def add_bag_topic(parser: argparse._ActionsContainer) -> None:
     """Add the options on the messages of recordings."""
     help_text = "of the bags (default: the only JointState one), or column of LeRobot"
     parser.add_argument("--topic", help=help_text)
+    help_text = "field of the topic's messages that is a JointState"
+    parser.add_argument("--field", metavar="a.b", help=help_text)
     help_text = "read a damaged .mcap or .bag up to the damage"
     parser.add_argument("--recover", "--salvage", action="store_true", help=help_text)
 
@@ -108,6 +110,7 @@ def reading_options(arguments: argparse.Namespace) -> dict[str, Any]:
         scale |= read_values(text, "--scale", "joint") if is_value else scale_of_calibration(text)
     return {
         "topic": arguments.topic,
+        "state_field": arguments.field,
         "salvage": arguments.recover,
         "degrees": arguments.degrees,
         "rename": read_rename(arguments.rename),

@@ -50,6 +50,9 @@ class LoadOptions:
     markers : MarkerSource or None
         Finds the joint states from markers, see :func:`.marker_joint_states.marker_source`;
         `topic` and `joints` are not used then.
+    state_field : str or None
+        The field of the topic's messages that is a JointState, with dots where it is a field of a
+        field; needs `topic`. By default the messages themselves are.
     episodes : sequence of int or str, or None
         The episodes of LeRobot datasets or of CSV files to take; by default all.
     max_gap : float or None
@@ -66,7 +69,7 @@ class LoadOptions:
     Raises
     ------
     RecordingError
-        If `segment` is unknown, or a factor is 0.
+        If `segment` is unknown, `state_field` is given without `topic`, or a factor is 0.
     """
 
     topic: str | None = None
@@ -79,6 +82,7 @@ class LoadOptions:
     segments_csv: str | Path | None = None
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     markers: Any = None
+    state_field: str | None = None
     episodes: Sequence[int | str] | None = None
     max_gap: float | None = None
     prismatic: Collection[str] = ()
@@ -90,6 +94,10 @@ class LoadOptions:
         if self.episodes is not None:
             what = "episodes: a list of their numbers is needed"
             set_frozen(self, episodes=as_list(self.episodes, what, RecordingError))
+        if self.state_field is not None and self.topic is None:
+            raise RecordingError(
+                f"the field '{self.state_field}' needs a topic whose messages have this field"
+            )
         check_rename(self.rename)
         for name, factor in self.scale.items():
             if not (is_number(factor) and np.isfinite(factor) and factor != 0.0):

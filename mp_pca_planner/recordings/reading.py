@@ -65,16 +65,34 @@ def _read(path: Path, options: LoadOptions) -> tuple[JointStates, Episodes]:
     """Joint states by their new names, in rad (or m), and the episodes of a table."""
     table_format = bags.recording_format(path)
     if table_format in FORMATS:
+        if options.state_field is not None:
+            raise RecordingError("--field is for messages of bags: a table has columns")
         states, episodes = read_table(path, options)
         return in_si_units(states, options, are_normalised=table_format == "lerobot"), episodes
     if options.episodes is not None:
         raise RecordingError("a bag holds no episodes: they are chosen from tables only")
     with bags.open_bag(path, salvage=options.salvage) as bag:
-        chosen = [bags.choose_topic(bag.topics, topic).name for topic in options.topics or (None,)]
-        several = [bag.joint_states(topic) for topic in chosen]
+        topics: list[str] = options.topics
+        if not topics or options.state_field is None:
+            topics = [_chosen_topic(bag, topic) for topic in topics or (None,)]
+        several = [bag.joint_states(topic, options.state_field) for topic in topics]
     notes = notes_on_rename(options.rename, {x.topic: x.joint_names for x in several})
     states = together([x.renamed(options.rename) for x in several])
     return in_si_units(replace(states, notes=(*states.notes, *notes)), options), ()
+
+
+def _chosen_topic(bag: bags.Bag, topic: str | None) -> str:
+    """The topic to read; an error lists the messages that have joint states as a field."""
+    try:
+        return bags.choose_topic(bag.topics, topic).name
+    except RecordingError as error:
+        embedded = [x for x in bag.embedded_states() if topic in (None, x[0])]
+        hints = [f"--topic {name} --field {field}" for name, field in embedded]
+        if not hints:
+            raise
+        raise RecordingError(
+            f"{error}; other messages hold joint states: read them by {' or '.join(hints)}"
+        ) from None
 
 
 def together(states: Sequence[JointStates]) -> JointStates:

@@ -95,6 +95,7 @@ def test_a_primitive_is_built_for_each_label_or_folder(tmp_path: Path) -> None:
     [
         (["--markers", "/tf"], "--markers needs --robot and --marker-map"),
         (["--report", "page.txt"], "must end in .html"),
+        (["--field", "a.b"], "'a.b' needs a topic"),
     ],
 )
 def test_what_makes_no_sense_is_refused(

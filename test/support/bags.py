@@ -144,9 +144,11 @@ def list_topics(path: Path, *, salvage: bool = False) -> tuple[Topic, ...]:
         return bag.topics
 
 
-def read_joint_states(path: Path, topic: str, *, salvage: bool = False) -> JointStates:
+def read_joint_states(
+    path: Path, topic: str, *, field: str | None = None, salvage: bool = False
+) -> JointStates:
     with open_bag(path, salvage=salvage) as bag:
-        return bag.joint_states(topic)
+        return bag.joint_states(topic, field)
 
 
 def minimum_jerk(start: float, goal: float, n_steps: int) -> NDArray[np.float64]:

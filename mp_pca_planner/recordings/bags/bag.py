@@ -8,10 +8,12 @@ import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Any
+
+from rosbags.interfaces import MessageDefinitionFormat
 
 from ...exceptions import RecordingError, quote_names
 from ...files import load_yaml, open_regular, read_bytes, reading
@@ -26,8 +28,12 @@ from .discovery import (
 from .formats import ZSTD_MAGIC, ScannedFile, opened, scan_mcap, scan_rosbag1, zstd
 from .serialisation import (
     JOINT_STATE,
+    Types,
     decoder,
+    defined_types,
+    field_of_states,
     known_types,
+    states_in_field,
 )
 
 
@@ -100,10 +106,10 @@ class Bag:
             self._files = [
                 _opened(file, stack, salvage=salvage) for file in _plain_files(named, stack)
             ]
+        self._connections = [found for file in self._files for found in file.connections]
         counts = Counter[tuple[str, str]]()
-        for file in self._files:
-            for found in file.connections:
-                counts[found.topic, found.msgtype] += found.msgcount
+        for found in self._connections:
+            counts[found.topic, found.msgtype] += found.msgcount
         damaged = [file.damage for file in self._files if isinstance(file, ScannedFile)]
         is_unfinished = path.suffix == ".active"
         if not counts and (is_unfinished or any(damaged)):
@@ -153,22 +159,62 @@ class Bag:
         with self._damage_reported():
             return self._decode(data, topic.type)
 
-    def joint_states(self, topic: str) -> JointStates:
+    def joint_states(self, topic: str, field: str | None = None) -> JointStates:
         """Read all joint states of a topic.
 
         Types of other topics don't matter, known or not: the definition of JointState has never
-        changed, so those stored in the bag are not needed.
+        changed, so those stored in the bag are not needed, except for `field`.
+
+        Parameters
+        ----------
+        topic :
+            Name of the topic.
+        field :
+            The field of other messages that is a JointState, with dots where it is a field of a
+            field.
 
         Raises
         ------
         RecordingError
             If the recording can't be read, or there are no joint states of that name.
         """
-        chosen = [x for x in self.topics if (x.name, x.type) == (topic, JOINT_STATE)]
+        named = [x for x in self.topics if x.name == topic and (field or x.type == JOINT_STATE)]
+        if field and not named:
+            names = quote_names(sorted({x.name for x in self.topics}))
+            raise RecordingError(f"there is no topic '{topic}'; topics: {names}")
         with self._damage_reported():
-            stored = ((t, self._decode(x, JOINT_STATE)) for _, t, x in self.messages(chosen))
+            if field:
+                read = {x: decoder(self._own_types(x), self.format) for x in named}
+                stored = (
+                    (t, states_in_field(read[x](data, x.type), field))
+                    for x, t, data in self.messages(named)
+                )
+            else:
+                stored = ((t, self._decode(x, JOINT_STATE)) for _, t, x in self.messages(named))
             raw = collect_joint_states(topic, stored)
         return replace(raw, notes=self.notes)
+
+    def embedded_states(self) -> list[tuple[str, str]]:
+        """Topics whose messages have joint states in a field, and the name of this field."""
+        found = []
+        for topic in self.topics:
+            with suppress(RecordingError), self._damage_reported():
+                found.append((topic.name, field_of_states(self._own_types(topic), topic.type)))
+        return [(name, field) for name, field in found if field]
+
+    def _own_types(self, topic: Topic) -> Types:
+        """Types as the bag itself defines them."""
+        texts = [
+            found.msgdef.data
+            for found in self._connections
+            if found.msgtype == topic.type and found.msgdef.format == MessageDefinitionFormat.MSG
+        ]
+        if not texts:
+            raise RecordingError(
+                f"'{topic.name}' has messages of type {topic.type}, which the bag does not define "
+                "as .msg text: only fields of defined messages can be read"
+            )
+        return defined_types(texts[-1], topic.type)
 
     def _damage_reported(self) -> AbstractContextManager[None]:
         return damage_reported(self.path, self.format)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,9 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ...arrays import frozen_array, unique_names
-from ...exceptions import RecordingError
+from ...exceptions import RecordingError, unknown_name
 from ...files import exists_already, put_in_place, workspace_beside
+from ...input_limits import INPUT_LIMITS
 from ...motion.trajectory import Trajectory
 from ..joint_states import ENCAPSULATION, NS_PER_S
 from .discovery import FORMAT_OF_SUFFIX, BagFormat, recordings_in
@@ -42,6 +44,50 @@ def known_types(bag_format: BagFormat) -> Types:
     for name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
         types.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
     return types
+
+
+def defined_types(definition: str, name: str) -> Types:
+    """A type and those within it, as a bag defines them.
+
+    Raises
+    ------
+    RecordingError
+        If the definition is longer than is accepted.
+    """
+    limit = INPUT_LIMITS.definition_characters
+    if len(definition) > limit:
+        raise RecordingError(
+            f"the definition of {name} has {len(definition):,} characters; accepted are {limit:,}"
+        )
+    types = get_typestore(Stores.EMPTY)
+    types.register(get_types_from_msg(definition, name))
+    return types
+
+
+def field_of_states(types: Types, name: str) -> str:
+    """Name of the first field that is a JointState, with dots where it is within others, or ''."""
+    paths, waiting = {name: ""}, [name]
+    for current in waiting:
+        _, fields_of_type = types.fielddefs.get(current, ((), ()))
+        for field, (_, inner) in fields_of_type:
+            # A name denotes a type of messages. Each is searched once, as they may be recursive.
+            if isinstance(inner, str) and inner not in paths:
+                paths[inner] = f"{paths[current]}.{field}".lstrip(".")
+                waiting.append(inner)
+    return "" if name == JOINT_STATE else paths.get(JOINT_STATE, "")
+
+
+def states_in_field(message: Any, field: str) -> Any:
+    """The joint states in a field of a message, with dots where it is within other fields."""
+    for name in field.split("."):
+        valid = [item.name for item in fields(message)] if is_dataclass(message) else []
+        if name not in valid:
+            raise RecordingError(unknown_name(f"field of '{field}'", name, valid))
+        message = getattr(message, name)
+    kind = getattr(message, "__msgtype__", type(message).__name__)
+    if kind != JOINT_STATE:
+        raise RecordingError(f"the field '{field}' is a {kind}; expected a {JOINT_STATE}")
+    return message
 
 
 def decoder(types: Types, bag_format: BagFormat) -> Callable[[bytes, str], Any]:

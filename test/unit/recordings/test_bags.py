@@ -12,11 +12,13 @@ from rosbags.highlevel import AnyReader
 from support.bags import (
     EPOCH,
     FORMATS,
+    Message,
     S,
     list_topics,
     read_joint_states,
 )
 from support.compressed_bags import storage_file
+from support.embedded_bags import write_embedded_bag
 
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.motion.trajectory import Trajectory
@@ -49,6 +51,29 @@ def test_path_may_hold_any_letters(tmp_path: Path, bag_format: str, name: str) -
         metadata.write_text(metadata.read_text().replace(file.name, f"{renamed.name}"))
         assert read_joint_states(renamed, "/joint_states").n_messages == 50
     assert read_joint_states(moved, "/joint_states").n_messages == 50
+
+
+@pytest.fixture
+def multi(tmp_path: Path, bag_format: str) -> Path:
+    """Joint states inside of messages that only the bag defines."""
+    states = [Message(("a", "b"), (i, -i), 5 * S + i, EPOCH + i) for i in range(400)]
+    return write_embedded_bag(tmp_path / "x", bag_format, states)
+
+
+def test_joint_states_inside_of_other_messages_are_read(multi: Path) -> None:
+    raw = read_joint_states(multi, "/multi", field="arm.jointStates")
+    assert raw.joint_names == ("a", "b")
+    np.testing.assert_array_equal(raw.positions, np.outer(np.arange(400), [1, -1]))
+    np.testing.assert_array_equal(raw.header_stamps, 5 * S + np.arange(400))
+    np.testing.assert_array_equal(raw.receive_stamps, EPOCH + np.arange(400))
+    for topic, field, sentence in (
+        ("/multi", "arm.states", "valid names: 'label', 'jointStates'"),
+        ("/multi", "arm", "is a my_msgs/msg/Arm; expected a sensor_msgs/msg/JointState"),
+        ("/multi", "arm.label.x", "valid names: none"),
+        ("/other", "arm", "topics: '/multi'"),
+    ):
+        with pytest.raises(RecordingError, match=sentence):
+            read_joint_states(multi, topic, field=field)
 
 
 @pytest.mark.parametrize(("bag_format", "suffix"), [("sqlite3", ".db3"), ("mcap", ".mcap")])

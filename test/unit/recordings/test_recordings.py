@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from support.bags import EPOCH, FORMATS, Message, S, reaching, stamped, write_bag
 from support.compressed_bags import storage_file
+from support.embedded_bags import FIELD, TOPIC, write_embedded_bag
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.bags import find_recordings, stored_size
@@ -169,6 +170,15 @@ def test_chosen_topic_is_read(tmp_path: Path) -> None:
     assert "'/joint_states', '/other'" in load_recordings([path]).refused[0].reason
     assert "'/joint_states', '/other'" in load_recordings([path], topic="/x").refused[0].reason
     assert load_recordings([path], topic="/joint_states").reports[0].topic == "/joint_states"
+
+
+def test_the_field_of_joint_states_that_a_refusal_names_is_read(tmp_path: Path) -> None:
+    path = write_embedded_bag(tmp_path / "x", "rosbag1", stamped(reaching([0.5, -0.5])))
+    (refused,) = load_recordings([path]).refused
+    assert f"--topic {TOPIC} --field {FIELD}" in refused.reason
+    assert len(load_recordings([path], topic=TOPIC, state_field=FIELD).demonstrations) == 1
+    with pytest.raises(RecordingError, match="'states' needs a topic"):
+        load_recordings([path], state_field="states")
 
 
 def write_joints(path: Path, *joints: tuple[str, ...]) -> Path:
