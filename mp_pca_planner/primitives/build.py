@@ -15,7 +15,7 @@ the others :func:`build_from_statistics`:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -126,16 +126,16 @@ def as_demonstrations(
     joint_names: Sequence[str] | None = None,
 ) -> tuple[list[Demonstration], list[str]]:
     """Demonstrations of what :meth:`.MovementPrimitive.fit` accepts, and what to warn of."""
-    if _has_columns(given) or (isinstance(given, np.ndarray) and given.ndim == 2):
-        raise PrimitiveError(
-            "one array of shape (samples, joints) is one motion: give a list of motions, [array]"
-        )
     what = (
         "demonstrations must be a list: mp.load_demonstrations reads recordings and tables, and "
         "list(motions.values()) makes one of a dict"
     )
-    motions = as_list(given, what, PrimitiveError)
+    motions = given if isinstance(given, list) else as_list(given, what, PrimitiveError)
     if times is not None:
+        if _has_columns(given) or np.ndim(motions[0] if motions else 0) == 1:
+            raise PrimitiveError(
+                "one array of shape (samples, joints) is one motion: give a list, [array]"
+            )
         return _of_arrays(motions, times, joint_names)
     for motion in motions:
         if not isinstance(motion, Demonstration):
@@ -255,10 +255,14 @@ def build_from_statistics(
     if statistics.extents.max() < _MIN_EXTENT:
         raise PrimitiveError(f"primitive '{name}' can't be built: no joint moves in any motion")
     mean, directions, explained, total, weights, residual = fit_shapes(statistics, options)
+    angles = angle_shares(statistics)
     # The prediction is fitted to some of the motions, and knows the spread of all requests.
     requests = statistics.requests()
     used, rows = thinned(requests), directions.reshape(-1, mean.size)
-    shapes = statistics.both_shapes().take(used, axis=1)
+    shapes = statistics.shapes[used]
+    # The functions of the shapes are alternately even and odd in reversed time.
+    both = np.array([shapes, shapes * (-1.0) ** np.arange(shapes.shape[2])])
+    shapes = both.reshape(2, len(used), -1)
     precision = request_precision(requests)
     # Whole shapes are predicted, so the number of components makes no difference.
     remainders = statistics.shape_remainders[used].sum(axis=1)
@@ -268,10 +272,17 @@ def build_from_statistics(
         requests[used], shapes @ rows.T, -rows @ mean.ravel(), statistics.paces[used], precision
     )
     facts: dict[str, Any] = {
-        "options": {name.removeprefix("n_"): x for name, x in asdict(options).items()},
+        "options": {
+            "coupling": options.coupling,
+            "components": options.n_components,
+            "variance": options.variance,
+            "phases": options.n_phases,
+            "degree": options.degree,
+            "align": options.align,
+        },
         "left_out_error": left_out,
         "minimum_jerk_error": straight,
-        "angle_variance_ratio": angle_shares(statistics),
+        "angle_variance_ratio": angles,
         "demonstrations": list(statistics.sources),
     }
     _, series = shape_functions(options.degree, options.n_phases)

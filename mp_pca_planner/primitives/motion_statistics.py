@@ -155,12 +155,6 @@ class MotionStatistics:
         states = self.boundary_states
         return np.column_stack([states[:, 0], states[:, 3], np.log(self.durations)])
 
-    def both_shapes(self) -> FloatArray:
-        """Shapes, and shapes of the reversed motions, as rows: (2, n_demonstrations, n_values)."""
-        # The functions of the shapes are alternately even and odd.
-        reversed_shapes = self.shapes * (-1.0) ** np.arange(self.shapes.shape[2])
-        return np.array([self.shapes, reversed_shapes]).reshape(2, len(self.durations), -1)
-
 
 def thinned(requests: FloatArray) -> NDArray[np.intp]:
     """Indices of at most 200 motions, the same motions whatever their order."""
