@@ -204,6 +204,8 @@ def _collision(
     """The collision model, and what it does not check."""
     if arguments.obstacles is None and arguments.margin is not None:
         raise PlannerError("--margin is the clearance from --obstacles: also pass --obstacles")
+    if arguments.collision is False and arguments.srdf is not None:
+        raise PlannerError("--srdf is for self-collision: remove --no-collision")
     model, remarks = robot_collision(
         robot,
         primitives,

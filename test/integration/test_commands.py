@@ -201,6 +201,7 @@ ENDS = ["--start", START, "--goal", GOAL]
         ([*ENDS, "--primitive", "leg"], "no primitive is called 'leg'"),
         ([*ENDS, "--output", "m.xyz"], "must end in .csv"),
         ([*ENDS, "--margin", "0.1"], "also pass --obstacles"),
+        ([*ENDS, "--no-collision", "--srdf", "x.srdf"], "remove --no-collision"),
     ],
 )
 def test_plan_refuses_in_one_line(primitive, options, message):
