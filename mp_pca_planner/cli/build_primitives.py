@@ -88,10 +88,11 @@ def _add_cutting(group: argparse._ArgumentGroup) -> None:
     help_text = "cut at rests (auto, the default), or don't cut"
     group.add_argument("--segment", choices=["auto", "none"], default="auto", help=help_text)
     help_text = "cut at rests alone, or at valleys of the speed, too (the default)"
-    group.add_argument("--cut", choices=CUTS, default=SegmentationOptions.cut, help=help_text)
-    rest: dict[str, Any] = {"type": seconds, "default": SegmentationOptions.min_rest}
-    help_text = "shortest rest that cuts, but episodes [s] (default: %(default)s)"
-    group.add_argument("--min-rest", metavar="S", **rest, help=help_text)
+    group.add_argument("--cut", choices=CUTS, help=help_text)
+    help_text = (
+        f"shortest rest that cuts, but episodes [s] (default: {SegmentationOptions.min_rest})"
+    )
+    group.add_argument("--min-rest", metavar="S", type=seconds, help=help_text)
     add_file(group, "--segments", "FILE.csv", "table recording,start_time_s,end_time_s[,label]")
     add_file(group, "--write-segments", "FILE.csv", "table of the motions to write")
 
@@ -164,7 +165,7 @@ def _load(arguments: argparse.Namespace, robot: Robot | None) -> RecordingSet:
             moving_only=robot is not None and not arguments.joints,
             segment=arguments.segment,
             segments_csv=arguments.segments,
-            segmentation=SegmentationOptions(arguments.min_rest, arguments.cut),
+            segmentation=_segmentation(arguments),
             jobs=arguments.jobs,
             dask=arguments.dask,
             same_joints=True,
@@ -176,13 +177,24 @@ def _load(arguments: argparse.Namespace, robot: Robot | None) -> RecordingSet:
         )
 
 
+def _segmentation(arguments: argparse.Namespace) -> SegmentationOptions:
+    chosen = {"min_rest": arguments.min_rest, "cut": arguments.cut}
+    given = {name: value for name, value in chosen.items() if value is not None}
+    if given and (arguments.segments is not None or arguments.segment == "none"):
+        raise RecordingError(
+            "--cut and --min-rest are for --segment auto: remove them, or --segments and --segment"
+        )
+    return SegmentationOptions(**given)
+
+
 def _groups(recordings: RecordingSet, by: str) -> dict[str, list[Demonstration]]:
     """The motions of each label, or of each folder.
 
     Raises
     ------
     RecordingError
-        If a motion has no label, or two folders have the same name.
+        If a motion has no label, a label can't be the name of a file, or two folders have the same
+        name.
     """
     folders = {report.name: Path(report.path).absolute().parent for report in recordings.reports}
     groups: dict[str, list[Demonstration]] = {}
@@ -195,6 +207,8 @@ def _groups(recordings: RecordingSet, by: str) -> dict[str, list[Demonstration]]
                 f"a motion of '{motion.recording}' has no label: --by label needs a table of "
                 "segments (--segments) in which all motions have one"
             )
+        if "/" in name or name.startswith("."):
+            raise RecordingError(f"the label '{name}' can't be the name of a file: change it")
         if by == "folder" and places.setdefault(name, folder) != folder:
             raise RecordingError(
                 f"two folders are called '{name}', '{places[name]}' and '{folder}': rename one"

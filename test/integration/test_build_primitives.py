@@ -61,6 +61,9 @@ def test_written_segments_fed_back_give_the_same_motions_and_labels_part_them(
     build(bags, "--segments", table, "--output", tmp_path / "labels", "--by", "label")
     for label, n in (("u", 3), ("v", 3), ("w", 2)):
         assert [d["label"] for d in used(tmp_path / f"labels/{label}.npz")] == n * [label]
+    table.write_text("\n".join([header, *(f"{row}../u" for row in rows)]))
+    words = bags, "--segments", table, "--output", tmp_path / "labels", "--by", "label"
+    assert "the label '../u' can't be the name of a file" in refusal(*words)
 
 
 def test_the_file_is_that_of_python_and_from_processes(bags: Path, tmp_path: Path) -> None:
@@ -95,6 +98,8 @@ def test_a_primitive_is_built_for_each_label_or_folder(tmp_path: Path) -> None:
     [
         (["--markers", "/tf"], "--markers needs --robot and --marker-map"),
         (["--report", "page.txt"], "must end in .html"),
+        (["--segments", "x.csv", "--cut", "rests"], "are for --segment auto"),
+        (["--segment", "none", "--min-rest", "1"], "are for --segment auto"),
         (["--field", "a.b"], "'a.b' needs a topic"),
     ],
 )
