@@ -16,7 +16,6 @@ import numpy as np
 from ..arrays import FloatArray, check_number, is_number, set_frozen, text_table, unique_names
 from ..exceptions import LimitsError, quote_names, shown, unknown_name
 from ..files import load_yaml, read_text, reading
-from ..renaming import Rename, new_name
 
 _KEYS = {
     "lower": "min_position",
@@ -179,7 +178,7 @@ def _holder(content: Any) -> dict[str, Any]:
 
 
 def given_limits(
-    given: Overrides | str | Path, joint_names: Sequence[str], rename: Rename | None = None
+    given: Overrides | str | Path, joint_names: Sequence[str]
 ) -> dict[str, dict[str, float]]:
     """Limits of a mapping, or of a file in the form of MoveIt's joint_limits.yaml.
 
@@ -194,8 +193,6 @@ def given_limits(
         unknown keys are ignored, see :func:`limits_file_note`.
     joint_names :
         Joints of the robot; an entry for another joint is rejected.
-    rename :
-        New names of the joints in `given`, see :data:`.renaming.Rename`.
 
     Returns
     -------
@@ -214,14 +211,9 @@ def given_limits(
         limits = dict(given)
     else:
         raise LimitsError(f"limits must be a mapping from joint names, got {shown(given, 40)}")
-    if rename:
-        limits = {new_name(str(name), rename): entry for name, entry in limits.items()}
     for name in limits:
         if name not in joint_names:
-            unknown = unknown_name("joint", name, joint_names)
-            raise LimitsError(
-                f"{where}: {unknown}; --rename OLD=NEW (rename=) gives it another name"
-            )
+            raise LimitsError(f"{where}: {unknown_name('joint', name, joint_names)}")
     with reading(where, LimitsError):  # of a number that no float can hold
         return {
             name: _read_entry(name, entry, where, is_file=where != "limits")

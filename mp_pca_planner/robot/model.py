@@ -17,7 +17,6 @@ from ..arrays import FloatArray, check_number, frozen_array, unique_names
 from ..exceptions import RobotError, quote_names, unknown_name
 from ..files import read_text, reading
 from ..lazy import LazyModule
-from ..renaming import Rename
 from .bodies import Bodies
 from .joints import (
     JointOrder,
@@ -277,24 +276,20 @@ class Robot:
         """The robot with other positions of the joints that do not move [rad or m]."""
         return self._read_again(self.joint_names, positions)
 
-    def limits(
-        self, *overrides: Overrides | str | Path, rename: Rename | None = None
-    ) -> JointLimits:
+    def limits(self, *overrides: Overrides | str | Path) -> JointLimits:
         """Limits of the joints: those of the URDF, replaced by mappings or limits files in turn.
 
         Parameters
         ----------
         overrides : mapping or path
             Limits by joint and key, or files like MoveIt's joint_limits.yaml.
-        rename : mapping of str to str, optional
-            New names of the joints in them, with ``*`` for any text: ``{"left_*": "*"}``.
 
         Raises
         ------
         LimitsError
             If an override can't be used, or a limit is invalid, such as a velocity limit of 0.
         """
-        layers = (given_limits(layer, self.movable_joints, rename) for layer in overrides)
+        layers = (given_limits(layer, self.movable_joints) for layer in overrides)
         return JointLimits(
             self.joint_names,
             merge_limits(self._description.limits, *layers),

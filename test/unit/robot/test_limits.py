@@ -4,7 +4,6 @@
 
 import numpy as np
 import pytest
-from support.arm import arm_robot
 
 from mp_pca_planner.exceptions import LimitsError
 from mp_pca_planner.robot.limits import JointLimits, given_limits, limits_file_note, merge_limits
@@ -99,11 +98,3 @@ def test_a_file_with_degrees_and_keys_of_pilz_is_read(write):
 def test_a_faulty_file_is_rejected_with_its_name_and_the_reason(write, text, message):
     with pytest.raises(LimitsError, match=rf"limits\.yaml.*{message}"):
         given_limits(write(text), NAMES)
-
-
-def test_joints_of_limits_are_renamed(write):
-    path = write("joint_limits: {left_elbow_joint: {max_velocity: 1.5}}")
-    assert arm_robot().limits(path, rename={"left_*_joint": "*"}).velocity[-1] == 1.5
-    message = "no joint is called 'left_elbow_joint'.*--rename OLD=NEW"
-    with pytest.raises(LimitsError, match=message):
-        arm_robot().limits(path)
