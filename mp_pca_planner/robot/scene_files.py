@@ -108,15 +108,15 @@ def _yaml_world(text: str) -> World:
     if _part(_part(world, "octomap"), "octomap").get("data"):
         raise WorldError("an octomap is not supported; give boxes or meshes instead")
     for key, neutral in (("padding", 0.0), ("scale", 1.0)):
-        if any(link.get(key, neutral) != neutral for link in content.get(f"link_{key}") or ()):
+        if any(link.get(key, neutral) != neutral for link in _parts(content, f"link_{key}")):
             raise WorldError(f"link_{key} is not supported; give a margin of the clearance instead")
     frames = {}
-    for stamped in content.get("fixed_frame_transforms") or ():
+    for stamped in _parts(content, "fixed_frame_transforms"):
         place = _part(stamped, "transform")
         pose = {"position": place.get("translation"), "orientation": place.get("rotation")}
         frames[str(stamped.get("child_frame_id", ""))] = _pose(pose, "fixed_frame_transforms")
     obstacles: list[Obstacle] = []
-    for message in world.get("collision_objects") or ():
+    for message in _parts(world, "collision_objects"):
         if message.get("operation", 0) not in _ADDED:
             raise WorldError(
                 f"object '{printable(str(message.get('id', '')))}': operation "
@@ -124,7 +124,7 @@ def _yaml_world(text: str) -> World:
                 "objects are added (0)"
             )
         obstacles += _obstacle(message, frames)
-    for message in state.get("attached_collision_objects") or ():
+    for message in _parts(state, "attached_collision_objects"):
         link, touched = str(message.get("link_name", "")), message.get("touch_links") or ()
         obstacles += _obstacle(_part(message, "object"), {}, link, list(map(str, touched)))
     return World(obstacles, _allowed(_part(content, "allowed_collision_matrix")))
@@ -149,7 +149,7 @@ def _obstacle(
     shapes: list[Shape] = []
     for key, many in (("primitive", "primitives"), ("mesh", "meshes")):
         make = _primitive if key == "primitive" else _mesh
-        made = [make(part, name) for part in message.get(many) or ()]
+        made = [make(part, name) for part in _parts(message, many)]
         poses = message.get(f"{key}_poses") or [None] * len(made)
         if len(poses) != len(made):
             raise WorldError(f"'{name}' has {len(made)} shapes, but {len(poses)} {key}_poses")
@@ -222,3 +222,11 @@ def _part(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     if not isinstance(inner, dict):
         raise WorldError(f"{key} must be a mapping, got {shown(inner, 60)}")
     return inner
+
+
+def _parts(content: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    """The list of mappings of a key; an empty one in the place of nothing."""
+    items = content.get(key) or []
+    if not (isinstance(items, list) and all(isinstance(item, dict) for item in items)):
+        raise WorldError(f"{key} must be a list of mappings, got {shown(items, 60)}")
+    return items

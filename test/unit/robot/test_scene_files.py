@@ -169,6 +169,7 @@ def test_scene_with_a_defect_is_rejected_by_file_and_reason(tmp_path, change, me
         ({"primitives": [{"type": 4, "dimensions": [1, 1]}]}, "'a' has a cone"),
         ({"primitive_poses": [{}, {}]}, "'a' has 1 shapes, but 2 primitive_poses"),
         ({"pose": {"position": {"u": 2}}}, "no number is called 'u'"),
+        ({"primitives": {"type": "box"}}, "primitives must be a list of mappings"),
     ],
 )
 def test_object_with_a_defect_is_rejected(tmp_path, change, message):
