@@ -66,8 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
         topic = full_topic_name(arguments.topic or "joint_states", arguments.namespace)
         source = JointStateSource(topic)
     joints, is_built = robot.joint_names if robot else None, False
-    options: dict[str, Any] = {"moving_only": True, "words": SessionWords(robot)}
-    with TeachingSession(output, topic, joints, **options) as session, source as heard:
+    taught = TeachingSession(output, topic, joints, words=SessionWords(robot))
+    with taught as session, source as heard:
         # Those that a session that is continued already holds are not recorded again.
         session.record([state for state in states if state[0] > session.last_stamp])
         say(f"recording    {topic} into {session.recording}")

@@ -160,9 +160,8 @@ class TeachingSession:
     topic : str
         Topic of the joint states.
     joints : sequence of str or None
-        Names of the joints; by default all that every message lists.
-    moving_only : bool
-        Leaves out those of `joints` that are not listed or never move, such as a gripper's.
+        Names of the joints; by default all that every message lists. Those that are not listed or
+        never move are left out, such as a gripper's.
     words : SessionWords
         Describes the motions.
 
@@ -185,7 +184,6 @@ class TeachingSession:
         topic: str,
         joints: Sequence[str] | None,
         *,
-        moving_only: bool = False,
         words: SessionWords | None = None,
     ) -> None:
         self.recording, self.segments, self._discarded = (
@@ -194,7 +192,7 @@ class TeachingSession:
         )
         self.motions: tuple[Demonstration, ...] = ()
         self._name, self._topic, self._joints = output.stem, topic, joints
-        self._moving_only, self._words = moving_only, words or SessionWords()
+        self._words = words or SessionWords()
         self._said = set[str]()
         self._waiting: SimpleQueue[StoredStates] = SimpleQueue()
         self._messages: StoredStates = []
@@ -273,10 +271,10 @@ class TeachingSession:
     def _cut(self) -> tuple[list[cutting.Cut], Recording]:
         """The motions of the recording, as :func:`.load_recordings` cuts it when it is alone."""
         joints, known = self._joints, self._states.joint_names
-        if self._moving_only and joints is not None:
+        if joints is not None:
             joints = [name for name in joints if name in known] or joints
         clean = repair(self._states, joints)
-        if self._moving_only and joints is not None:
+        if joints is not None:
             moving = [name for name in clean.joint_names if name not in clean.still_joints]
             clean = clean.with_joints(moving)
         pieces, thresholds = cutting.smoothed(clean)
