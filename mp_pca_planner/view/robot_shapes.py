@@ -17,7 +17,7 @@ import trimesh
 import viser
 
 from ..arrays import FloatArray
-from ..exceptions import PlannerError
+from ..exceptions import PlannerError, RobotError
 from ..plotting.motion import surface
 from ..robot.bodies import primitive_of
 from ..robot.meshes import find_mesh, scaled, solid_of
@@ -232,7 +232,10 @@ def _named_colour(material: ET.Element) -> tuple[str, Colour] | None:
     element = material.find("color")
     if element is None:
         return None
-    red, green, blue, opacity = np.clip(numbers_of(element, "rgba", 4), 0.0, 1.0).tolist()
+    try:
+        red, green, blue, opacity = np.clip(numbers_of(element, "rgba", 4), 0.0, 1.0).tolist()
+    except RobotError:  # a shape is drawn without its colour
+        return None
     return material.get("name", ""), (red, green, blue, opacity)
 
 

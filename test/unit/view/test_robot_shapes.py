@@ -47,6 +47,8 @@ def test_visual_shapes_come_before_collision_shapes_with_their_colours_and_place
     np.testing.assert_allclose(cylinder.mesh.bounds[:, 0], [-1.0, 1.0], atol=1e-9)
     np.testing.assert_allclose(cylinder.mesh.bounds[:, 2], [1.9, 2.1], atol=1e-3)
     assert cylinder.colour == (1.0, 0.0, 0.0, 0.5)
+    wrong = URDF.format(base=part('<box size="1 2 3"/>'), arm="").replace("0.5", "", 1)
+    assert not RobotShapes(Robot(wrong), ()).notes
 
 
 def test_a_link_whose_mesh_is_missing_is_drawn_by_its_collision_shape_or_a_skeleton():
