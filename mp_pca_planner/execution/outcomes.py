@@ -126,6 +126,7 @@ class Execution:
     _how: How | None = None
     _since: float = 0.0
     _wait: float = _FIRST_WAIT
+    _was_at_rest: bool = False
 
     @classmethod
     def of_stop(
@@ -195,6 +196,7 @@ class Execution:
         if self.is_stop:
             if not (following.at_rest and now >= ends):
                 return None
+            self._was_at_rest = True
             since = f"{now - self.motion.time:.2f} s after the stop"
             text = f"stopped: the robot was seen at rest {since}"
             return self._end(MotionOutcome.STOPPED, self._with_reason(text))
@@ -215,7 +217,7 @@ class Execution:
             return False
         if following.motion is not self.motion:
             return True
-        if following.is_over:  # its servos follow
+        if following.is_over or self._was_at_rest:  # its servos follow, or it got a payload
             return False
         ends = self.motion.began + self.motion.duration
         is_off = following.how in (How.OFF, How.BEHIND) and self.motion.is_path_known

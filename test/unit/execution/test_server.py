@@ -531,6 +531,10 @@ def test_stop_at_a_point_is_sent_again_only_if_the_robot_is_seen_not_to_go_there
     node.run(2.0)
     assert (len(node.sent) > n_sent) is is_lost
     assert node.outcomes[-1] == "stopped"
+    n_sent = len(node.sent)
+    node.robot.faults.payload = 3.0
+    node.run(1.0)
+    assert len(node.sent) == n_sent
 
 
 def test_stop_that_no_state_has_shown_yet_is_not_sent_again(node):
