@@ -204,9 +204,10 @@ def outlines(obstacle: Obstacle, plane: Sequence[int]) -> list[FloatArray]:
     found = []
     for shape in obstacle.shapes:
         placed = pin.XYZQUATToSE3(shape.pose)
-        points = [placed.act(x) for x in np.asarray(surface(shape).vertices)]
-        flat = np.array(points)[:, plane]
-        found.append(flat[ConvexHull(flat).vertices])
+        points = np.asarray(surface(shape).vertices) @ placed.rotation.T + placed.translation
+        flat = points[:, plane]
+        # Joggled, because a flat mesh has no area from its side.
+        found.append(flat[ConvexHull(flat, qhull_options="QJ").vertices])
     return found
 
 

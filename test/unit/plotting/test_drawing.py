@@ -21,7 +21,7 @@ from mp_pca_planner.plotting.primitive import primitive_figure
 from mp_pca_planner.plotting.style import MAX_BEHIND, picture, styled_figure
 from mp_pca_planner.primitives.differences import PHASES
 from mp_pca_planner.robot.limits import JointLimits
-from mp_pca_planner.robot.world import Box, Capsule, Cylinder, Obstacle, Shape, Sphere, World
+from mp_pca_planner.robot.world import Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
 
 image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
 
@@ -119,6 +119,12 @@ def test_outlines_are_the_shadows_of_obstacles(shape: Shape, plane: list[int]) -
     directions = np.array([np.cos(angles), np.sin(angles)])
     widths = [(shadow @ directions).max(axis=0) for shadow in (outline, points)]
     np.testing.assert_allclose(*widths, atol=2e-3)
+
+
+def test_a_flat_mesh_is_a_line_from_its_side() -> None:
+    floor = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    (outline,) = outlines(Obstacle("floor", floor), [0, 2])
+    np.testing.assert_allclose(np.ptp(outline, axis=0), [1.0, 0.0])
 
 
 def all_legends_inside(figure: Any) -> bool:
