@@ -37,7 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; returns the exit status."""
     if (arguments.robot is None) != (not arguments.primitives):
-        raise GoalError("pass files and --robot URDF; without both, the page shows an example")
+        raise GoalError(
+            "pass primitive files and --robot URDF; without both, the page shows an example"
+        )
     robot, primitives = _read(arguments)
     # After the files were read: it takes a second.
     from ..view.content import read_content
