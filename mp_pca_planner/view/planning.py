@@ -148,7 +148,8 @@ def answer_html(answer: PlanAnswer) -> str:
     if plan.status == ALREADY_THERE:
         return part("verdict", "Already there", "the goal is the start", GOOD)
     if answer.distance > 0.0:
-        away = f"{1e3 * answer.distance:.0f} mm from the handle"
+        is_away = answer.distance > 5e-4
+        away = f"{1e3 * answer.distance:.0f} mm from the handle" if is_away else "turned otherwise"
         text = f"the motion goes to the nearest pose, {away}"
         head = part("verdict", "Out of reach", text, WARNING)
     else:

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans of the page: the goal that is dragged, and why it is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.arm import JOINTS, arm_primitive, arm_robot
@@ -66,6 +68,8 @@ def test_distance_from_a_pose_out_of_reach_is_that_of_its_place():
     answer = planner().answer(ViewRequest(START, GOAL, pose))
     missed = np.linalg.norm(wrist(answer.goal) - pose.position)
     assert answer.distance == pytest.approx(missed, rel=1e-6) and missed > 0.0
+    assert f"{1e3 * missed:.0f} mm from the handle" in answer_html(answer)
+    assert "turned otherwise" in answer_html(replace(answer, distance=1e-5))
 
 
 def test_a_goal_in_an_obstacle_is_refused_by_its_name_and_served_again_without_it():
