@@ -25,6 +25,8 @@ spatial = LazyModule("scipy.spatial")
 _MIN_RECORDINGS = 4
 # Of more recordings, each is compared with all, itself included.
 _MAX_LEFT_OUT = 200
+# Most motions that are compared, because the time grows with their square; of more an even choice.
+_MAX_MOTIONS = 10_000
 # Variance in every direction, as a share of the variance of a joint.
 _PRIOR = 0.05
 # Robust standard deviations over which a recording is far: of the logarithmic distance of its usual
@@ -60,11 +62,12 @@ def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> list[tupl
     found :
         The names of these recordings, each with the reason why it is named.
     """
-    recordings = np.array([motion["recording"] for motion in statistics.sources])
-    ends = statistics.boundary_states[:, [0, 3]]
-    curves = np.concatenate(
-        [ends.transpose(0, 2, 1) / np.sqrt(2.0), statistics.shapes / np.sqrt(n_phases)], axis=2
-    )
+    n_motions = len(statistics.durations)
+    chosen = np.linspace(0, n_motions - 1, min(n_motions, _MAX_MOTIONS)).round().astype(np.intp)
+    recordings = np.array([statistics.sources[k]["recording"] for k in chosen])
+    ends, durations = statistics.boundary_states[chosen][:, [0, 3]], statistics.durations[chosen]
+    shapes = statistics.shapes[chosen] / np.sqrt(n_phases)
+    curves = np.concatenate([ends.transpose(0, 2, 1) / np.sqrt(2.0), shapes], axis=2)
     copies = _copies(curves, recordings.tolist())
     reasons, names = list(copies.items()), list(dict.fromkeys(recordings.tolist()))
     names = [name for name in names if name not in copies]
@@ -78,7 +81,7 @@ def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> list[tupl
     table = np.array(
         [_distances(curves[x], model) for x, model in zip(members, models, strict=True)]
     )
-    times = np.log([np.median(statistics.durations[x]) for x in members])
+    times = np.log([np.median(durations[x]) for x in members])
     # Few recordings show less of what is usual.
     most = 1.0 + _FEW / (len(names) - 1)
     for i, name in enumerate(names):
