@@ -532,14 +532,16 @@ def _check_within_limits(
         f"the {what} {_QUANTITIES[k]} of joint '{name}' is {value:.9g}, outside its limits "
         f"[{bounds[0]:.9g}, {bounds[1]:.9g}] in "
     )
+    way_out = "; move it inwards, or widen its limits (limits file, robot.limits in Python)"
+    way_out = way_out if k == 0 and what == "start" else ""
     if name in robot.prismatic_joints:
-        raise GoalError(f"{text}{_METRES[k]}")
+        raise GoalError(f"{text}{_METRES[k]}{way_out}")
     # The values may have been given in degrees, so the message states both.
     given, least, most = (f"{math.degrees(x):.5g}" for x in (value, *bounds))
     text += f"{_RADIANS[k]}; in {_DEGREES[k]}, {given}, outside [{least}, {most}]"
     if k == 0 and abs(value) > 2.0 * math.pi:
         text += "; commands read degrees with --degrees"
-    raise GoalError(text)
+    raise GoalError(text + way_out)
 
 
 @lru_cache(maxsize=8)

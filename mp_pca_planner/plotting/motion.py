@@ -73,7 +73,7 @@ def motion_figure(
     vias : collection of float
         Times at which the motion passes its vias [s].
     robot : Robot, optional
-        The robot of the joints, whose hand is drawn from above and from the side.
+        The robot of the joints, whose hand is drawn from above, and from the side or the front.
     world : iterable of Obstacle
         The obstacles; those attached to links are not drawn.
 
@@ -162,10 +162,11 @@ def _most_used(motion: Trajectory, joint: int, limits: JointLimits, i: int, unit
 def _show_hand(
     views: Sequence[Axes], link: str, paths: Sequence[FloatArray], obstacles: Sequence[Obstacle]
 ) -> None:
-    """Draw the path of a link before others, from above and from the side that shows most."""
+    """Draw the path of a link before others, from above, and from the front or side by its width."""
     path, *behind = paths
     side = int(np.argmax(np.ptp(path[:, :2], axis=0)))
-    for axes, plane, where in zip(views, ([0, 1], [side, 2]), ("above", "the side"), strict=True):
+    words = "above", ("the side", "the front")[side]
+    for axes, plane, where in zip(views, ([0, 1], [side, 2]), words, strict=True):
         for obstacle in obstacles:
             shadows = outlines(obstacle, plane)
             for outline in shadows:
@@ -180,7 +181,8 @@ def _show_hand(
             axes.annotate(text, place[plane], xytext=(6, 6), textcoords="offset points")
         axes.set_title(f"'{printable(link)}' from {where}", loc="left", fontsize="medium")
         axes.set(xlabel="xyz"[plane[0]] + " [m]", ylabel="xyz"[plane[1]] + " [m]")
-        axes.margins(0.15)
+        axes.margins(0.15, 0.0)
+        axes.update_datalim(axes.dataLim.expanded(1.0, 1.4).corners())  # words end below the title
         axes.set_aspect("equal", adjustable="datalim")
 
 

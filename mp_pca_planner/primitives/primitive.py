@@ -121,7 +121,9 @@ class MovementPrimitive:
 
     def __str__(self) -> str:
         facts, words = self.summary(), prediction_words(self)
-        lines = [repr(self), *([f"  {words}"] if words else [])]
+        rms = np.sqrt(np.mean(self.fit_residual**2))
+        own = f"demonstrations: {rms:.3g} rad or m RMS from their reproductions by the components"
+        lines = [repr(self), f"  {own}", *([f"  {words}"] if words else [])]
         for joint in self.joint_names:
             ends = (*facts["starts"][joint], *facts["goals"][joint])
             a, b, c, d = (round(x, 2) + 0.0 for x in ends)  # no minus before zero
@@ -566,6 +568,6 @@ def prediction_words(primitive: MovementPrimitive) -> str:
     if n < _FEW:
         advice = f"; {n} motions give an uncertain estimate: record ten to thirty"
     return (
-        f"left-out motions: {left_out:.3g} rad or m RMS from their predictions, {much} nearer than "
-        f"minimum-jerk motions ({straight:.3g}){advice}"
+        f"left-out motions: {left_out:.3g} rad or m RMS from their predictions (for any number "
+        f"of components), {much} nearer than minimum-jerk motions ({straight:.3g}){advice}"
     )

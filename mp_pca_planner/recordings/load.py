@@ -67,6 +67,8 @@ _STEP, _ARM_MOVES, _WITH_ARM = 0.2, 0.1, 0.2
 # Fewest motions that are looked at for kinds; most kinds; how many times farther kinds are from
 # each other than the parts of one.
 _LEAST_OF_KINDS, _MOST_KINDS, _APART = 8, 6, 2.5
+# Share of its extent by which a motion that returns ends beside its start; share of such motions.
+_RETURNS, _ARE_MOST = 0.1, 0.9
 _MOST_COMPARED = 5000  # of 20,000, the distances of all pairs take 1.6 GB
 
 _OPTIONS = [item.name for item in fields(LoadOptions)]
@@ -241,7 +243,7 @@ def load_recordings(
         names = quote_names(str(path) for path in left)
         notes.append(f"files left out, as they are not recordings: {names}")
     if settings.segments_csv is None:
-        notes += _kinds(whole.demonstrations)
+        notes += [*_kinds(whole.demonstrations), *_returns(whole.demonstrations)]
     return replace(whole, notes=tuple(notes))
 
 
@@ -353,7 +355,8 @@ def _motions_of(task: LoadTask, recording: Recording, least_extent: float) -> Re
     if task.segments is not None:
         cuts = [cutting.cut_row(pieces, row) for row in task.segments]
     else:
-        is_whole = bool(recording.episodes) or options.segment == "none"
+        is_episode = bool(recording.episodes) and options.segmentation.cut != "rests"
+        is_whole = is_episode or options.segment == "none"
         cuts, notes, counts = cutting.cut_motions(
             recording, pieces, thresholds, options.segmentation, least_extent, is_whole=is_whole
         )
@@ -557,6 +560,18 @@ def _kinds(motions: Sequence[Demonstration]) -> tuple[str, ...]:
         f"these look like {len(kinds)} kinds of motions ({', '.join(map(str, kinds))} of them), by "
         "their starts and goals: if they are, label them in a table of segments and learn each "
         "kind by itself (--write-segments, --segments and --by label)",
+    )
+
+
+def _returns(motions: Sequence[Demonstration]) -> tuple[str, ...]:
+    """A note if motions end where they start."""
+    ways = [np.linalg.norm(x.positions[-1] - x.positions[0]) for x in motions]
+    n = sum(way < _RETURNS * extent(x.positions) for way, x in zip(ways, motions, strict=True))
+    if not n or n < _ARE_MOST * len(motions):
+        return ()
+    return (
+        f"{n} of {len(motions)} motions end where they start, so a goal elsewhere is unlike them: "
+        "cut them at their rests (--cut rests), or by a table (--segments; segments_csv in Python)",
     )
 
 

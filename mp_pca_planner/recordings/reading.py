@@ -146,14 +146,15 @@ def in_si_units(
         shares = states.positions[:, states.columns(angles)]
         if are_normalised and angles and not (np.abs(shares) > 100.5).any():
             notes.append(NORMALISED)
-        if left:
-            notes.append(f"not converted from degrees: {quote_names(sorted(left))}")
-        gone = grippers & left
-        if gone and (options.joints is None or options.moving_only) and angles:
+        is_arm = (options.joints is None or options.moving_only) and angles
+        gone = grippers & left if is_arm else set()
+        if left - gone:
+            notes.append(f"not converted from degrees: {quote_names(sorted(left - gone))}")
+        if gone:
             states = states.without(gone)
             notes.append(
                 f"left out, as LeRobot states grippers in per cent: {quote_names(sorted(gone))}; "
-                "--scale or --joints takes them"
+                "--scale or --joints takes them (scale=, joints=)"
             )
         factors |= dict.fromkeys(angles, np.pi / 180.0)
     states = states.scaled(factors) if factors else states
@@ -199,8 +200,9 @@ def inspect_recording(path: str | Path, **options: Any) -> dict[str, Any]:
     -------
     facts : dict
         Its `name`, `path` and `format`; all `topics` of a bag with their types and counts; of its
-        joint states `topic`, `n_messages`, `joint_names`, `rate` [Hz], `duration` [s], `repairs`
-        that are needed and `notes`; `refusal`, the reason why they can't be used, if so.
+        joint states `topic`, `n_messages`, `joint_names`, `rate` [Hz], `duration` [s], the number
+        of `episodes`, `repairs` that are needed and `notes`; `refusal`, the reason why they can't
+        be used, if so.
 
     Raises
     ------
@@ -215,6 +217,7 @@ def inspect_recording(path: str | Path, **options: Any) -> dict[str, Any]:
         **{"name": bags.recording_names(paths)[0], "path": str(recording)},
         **{"format": bags.recording_format(recording), "topics": (), "topic": None},
         **{"n_messages": 0, "joint_names": (), "rate": None, "duration": None},
+        **{"episodes": None},
         **{"repairs": {}, "notes": (), "refusal": None},
     }
     try:
@@ -223,6 +226,7 @@ def inspect_recording(path: str | Path, **options: Any) -> dict[str, Any]:
                 facts["topics"] = tuple(asdict(topic) for topic in bag.topics)
         clean = read_recording(recording, settings)
         found = vars(clean) | {"duration": clean.duration, "notes": clean.all_notes}
+        facts["episodes"] = len(clean.episodes) or None
     except UnusableRecordingError as error:
         found = error.findings
         facts["refusal"] = str(error)

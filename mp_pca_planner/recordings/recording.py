@@ -138,7 +138,7 @@ class Recording:
         See :func:`.copies.fingerprint`.
     episodes : tuple of (float, int or str)
         Start [s] and name of each episode of a table, see :data:`.tables.Episodes`. Each piece is
-        one motion then, which is not cut.
+        one motion then, which only "rests" cuts.
     marker_residuals : dict
         Residual of each marker; empty unless markers were recorded.
     checksum : str
@@ -173,7 +173,9 @@ class Recording:
 
     @property
     def duration(self) -> float:
-        """Time from the first to the last sample [s]."""
+        """Time from the first to the last sample, of episodes their sum [s]."""
+        if self.episodes:
+            return float(sum(piece.times[-1] - piece.times[0] for piece in self.pieces))
         return float(self.pieces[-1].times[-1] - self.pieces[0].times[0])
 
     @property

@@ -14,8 +14,9 @@ from .recording import DROPPED, REPAIRS, Recording
 from .segmentation import ABSURD_EXTENT
 
 NORMALISED = (
-    "its values are from -100 to 100: if they are LeRobot's shares of the calibrated ranges and "
-    "not degrees, leave out --degrees and pass --scale CALIBRATION.json or JOINT=FACTOR"
+    "its values are from -100 to 100, as degrees of an SO-100 or SO-101 may be: if they are "
+    "LeRobot's shares of the calibrated ranges, pass --scale CALIBRATION.json (scale= in Python) "
+    "instead of --degrees (degrees=True)"
 )
 """The note on a dataset whose values may be no degrees."""
 

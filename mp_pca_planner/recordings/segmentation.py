@@ -162,7 +162,7 @@ class SegmentationOptions:
     min_rest : float
         Shorter rests don't cut [s], but they may be valleys.
     cut : {'valleys', 'rests'}
-        Whether valleys of the speed cut, too, or rests alone.
+        Whether valleys of the speed cut, too, or rests alone; only "rests" cuts episodes.
 
     Raises
     ------

@@ -18,6 +18,7 @@ from ..exceptions import RobotError, quote_names, unknown_name
 from ..files import read_text, reading
 from ..lazy import LazyModule
 from .bodies import Bodies
+from .examples import EXAMPLE_ROBOTS, example_file
 from .joints import (
     JointOrder,
     LinkInertias,
@@ -187,8 +188,6 @@ class Robot:
         >>> mp.Robot.example("human_arm").joint_names
         ('shoulder1', 'shoulder2', 'shoulder3', 'elbow')
         """
-        from .examples import example_file
-
         return cls.from_file(*example_file(name))
 
     @classmethod
@@ -202,6 +201,11 @@ class Robot:
         """Read the robot description from a URDF file (see the class)."""
         path = Path(path)
         with reading(f"the URDF file {str(path)!r}", RobotError):
+            if str(path) in EXAMPLE_ROBOTS and not path.exists():
+                raise RobotError(
+                    f"there is no URDF file '{path}': `mp-pca demo {path} --files` writes that of "
+                    f"the example, and Robot.example('{path}') is it in Python"
+                )
             urdf = read_text(path)
         robot = cls(urdf, joint_names, locked=locked, source=f"URDF file '{path}'")
         robot.path = path

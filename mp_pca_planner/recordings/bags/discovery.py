@@ -55,8 +55,9 @@ def find_recordings(paths: str | Path | Iterable[str | Path]) -> tuple[Path, ...
             recordings = [x for one in _glob(path) for x in recordings_in(one) or _tables(one)]
         if not recordings:
             raise RecordingError(
-                f"no recording at '{path}': expected a .bag, .db3, .mcap or .csv file, a "
-                "rosbag2 folder, a LeRobot dataset, or a folder that holds some of these"
+                f"no recording at '{path}' on this machine: expected a .bag, .db3, .mcap or .csv "
+                "file, a rosbag2 folder, a downloaded LeRobot dataset (the folder that holds "
+                "meta/info.json), or a folder of some of these"
             )
         for recording in recordings:
             # Links and overlapping patterns may lead to the same place.
@@ -134,7 +135,7 @@ def bag_format(path: Path) -> BagFormat:
     if len(suffixes) != 1:
         raise RecordingError(
             f"'{path}' is not a recording: expected a regular .bag, .db3, .mcap or .csv file, a "
-            "rosbag2 folder, or a LeRobot dataset"
+            "rosbag2 folder, or the folder of a LeRobot dataset, which holds meta/info.json"
         )
     return FORMAT_OF_SUFFIX[suffixes.pop()]
 
