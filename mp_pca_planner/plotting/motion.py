@@ -162,7 +162,7 @@ def _most_used(motion: Trajectory, joint: int, limits: JointLimits, i: int, unit
 def _show_hand(
     views: Sequence[Axes], link: str, paths: Sequence[FloatArray], obstacles: Sequence[Obstacle]
 ) -> None:
-    """Draw the path of a link before others, from above, and from the front or side by its width."""
+    """Draw the path of a link before others, from above, and from the side or the front."""
     path, *behind = paths
     side = int(np.argmax(np.ptp(path[:, :2], axis=0)))
     words = "above", ("the side", "the front")[side]

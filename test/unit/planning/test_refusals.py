@@ -89,7 +89,7 @@ REFUSED = {
     # Starts
     "start outside": (
         lambda: plan(GOAL, JointState(JOINTS, [*HERE[:3], 1.0])),
-        "start position of joint 'elbow' is 1",
+        "start position of joint 'elbow' is 1.*; move it inwards, or widen its limits",
     ),
     "start lacks": (lambda: plan(GOAL, JointState(JOINTS[:3], HERE[:3])), "lacks 'elbow'"),
     "start too fast": (

@@ -248,7 +248,7 @@ def test_shares_of_ranges_are_scaled_and_said(tmp_path: Path) -> None:
             np.testing.assert_allclose(one.positions[-1], q[-1], atol=0.02)
     with pytest.raises(RecordingError, match="from -100 to 100 with --scale CALIBRATION.json"):
         mp.load_demonstrations(folder)
-    with pytest.warns(UserWarning, match="from -100 to 100: if they are LeRobot's shares"):
+    with pytest.warns(UserWarning, match="from -100 to 100, .* if they are LeRobot's shares"):
         found = mp.load_demonstrations(folder, degrees=True)
     assert found[0].joint_names == ("a", "b") and "LeRobot states grippers" in found.report
     assert "values are from -100 to 100" in found.report
@@ -260,12 +260,28 @@ def test_shares_of_ranges_are_scaled_and_said(tmp_path: Path) -> None:
     assert refused["repairs"] == {} and "--degrees" in refused["refusal"]
     in_degrees = mp.load_demonstrations(folder, degrees=True, prismatic=["b"])
     assert in_degrees.reports[0].repairs == {}
-    assert "not converted from degrees: 'b', 'gripper'" in in_degrees.report
+    assert "not converted from degrees: 'b'\n" in in_degrees.report
     with pytest.warns(UserWarning, match="instead of --degrees, give the whole") as caught:
         mp.load_demonstrations(folder, degrees=True, scale={"b": -1.0})
     assert not any("convert degrees with" in str(one.message) for one in caught)
     refused = inspect_recording(folder, degrees=True, rename={"a": "elbow"})
     assert refused["refusal"] is None and "elbow" in refused["joint_names"]
+
+
+def test_episodes_that_return_are_said_and_cut_on_request(tmp_path: Path) -> None:
+    there = reaches(20)
+    several = [rested([q, q[::-1]]) for q in there]
+    folder = write_dataset(tmp_path / "set", several, list(NAMES))
+    found = mp.load_demonstrations(folder)
+    assert len(found) == 20 and "20 of 20 motions end where they start" in found.report
+    cut = mp.load_demonstrations(folder, segmentation=SegmentationOptions(cut="rests"))
+    assert len(cut) == 40 and "end where they start" not in cut.report
+    assert [x.episode for x in cut] == [k for k in range(20) for _ in range(2)]
+    facts = inspect_recording(folder)
+    seconds = sum(len(q) - 1 for q in several) / RATE
+    assert facts["episodes"] == 20 and facts["duration"] == pytest.approx(seconds)
+    with pytest.raises(RecordingError, match="the folder of a LeRobot dataset, which holds meta/"):
+        mp.load_demonstrations(folder / "meta/info.json")
 
 
 # Folders and files

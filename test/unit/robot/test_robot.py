@@ -185,3 +185,8 @@ def test_end_effector_is_the_last_link_that_most_joints_move():
     robot = Robot(urdf.replace("</robot>", wheel))
     assert (robot.frame_names[-1], robot.end_effector) == ("wheel", "wrist")
     assert arm_robot().end_effector == Robot(urdf, ["shoulder1"]).end_effector == "wrist"
+
+
+def test_the_name_of_an_example_is_no_file_but_says_how_to_get_one():
+    with pytest.raises(RobotError, match="`mp-pca demo so101 --files` writes that of the example"):
+        Robot.from_file("so101")
