@@ -87,10 +87,11 @@ def _add_joints(group: argparse._ArgumentGroup) -> None:
 def _add_cutting(group: argparse._ArgumentGroup) -> None:
     help_text = "cut at rests (auto, the default), or don't cut"
     group.add_argument("--segment", choices=["auto", "none"], default="auto", help=help_text)
-    help_text = "cut at rests alone, or at valleys of the speed, too (the default)"
+    help_text = "rests: cut at rests alone, in episodes, too; valleys: of the speed, too (default)"
     group.add_argument("--cut", choices=CUTS, help=help_text)
     help_text = (
-        f"shortest rest that cuts, but episodes [s] (default: {SegmentationOptions.min_rest})"
+        "shortest rest that cuts, but episodes without --cut rests [s] "
+        f"(default: {SegmentationOptions.min_rest})"
     )
     group.add_argument("--min-rest", metavar="S", type=seconds, help=help_text)
     add_file(group, "--segments", "FILE.csv", "table recording,start_time_s,end_time_s[,label]")
