@@ -55,14 +55,15 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
     nearest = _nearest_obstacle(context.collision, trajectory)
     status, message = _verdict(context, best, budget, score)
     if status != INFEASIBLE:
-        parts = [_headline(context, best, score, nearest), message]
-        parts += _concessions(context, best, correction)
+        is_shaped = context.options.basis == "pca" and correction > 0.0
+        parts = [_headline(context, best, score, nearest, is_shaped=is_shaped), message]
+        parts += _concessions(best, correction if is_shaped else 0.0)
         message = "; ".join(filter(None, parts))
     remarks = motion_remarks(score, best.check, outside)
     collision = _collision_words(context.collision, best)
     limits = best.refusal if best.check.violations else "kept, on a grid of 1 ms"
     if unlimited := context.limits.unlimited:
-        limits += f"; some joints have no limit of {', '.join(unlimited)}"
+        limits += f"; {unlimited}"
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
     facts: dict[str, str | float | int] = {
         "naturalness": best.naturalness,
@@ -104,13 +105,20 @@ def already_there(context: Context, start: JointState, began: float) -> Plan:
 
 
 def _headline(
-    context: Context, best: Candidate, score: float, nearest: tuple[float, str] | None
+    context: Context,
+    best: Candidate,
+    score: float,
+    nearest: tuple[float, str] | None,
+    *,
+    is_shaped: bool,
 ) -> str:
     """What a user wants to know of a motion: duration, likeness, clearance, share of efforts."""
     duration = best.duration
     parts = [f"{duration:.1f} s" if duration >= 1.0 else f"{duration:.2f} s"]
     like = "at the edge of" if score <= UNUSUAL_IN_SPAN_SCORE else "unlike"
     like = "like" if score <= _LIKE_SCORE else like
+    if is_shaped or best.bases[0].is_detour or best.how == SLOW:  # then only the request is
+        like = f"a goal {like}"
     parts.append(f"{like} your demonstrations (score {score:.1f})")
     if nearest is not None:
         parts.append(f"{1e3 * nearest[0]:.0f} mm clear of '{nearest[1]}'")
@@ -209,7 +217,7 @@ def _met(context: Context, best: Candidate) -> str:
     return met
 
 
-def _concessions(context: Context, best: Candidate, correction: float) -> list[str]:
+def _concessions(best: Candidate, correction: float) -> list[str]:
     """What was done for the goal beyond a usual motion."""
     request, notes = best.request, []
     is_detour = best.bases[0].is_detour
@@ -223,7 +231,7 @@ def _concessions(context: Context, best: Candidate, correction: float) -> list[s
         notes.append("a detour, because the predicted motion collides")
     elif best.has_clearances:
         notes.append("shaped to avoid a collision")
-    if context.options.basis == "pca" and correction > 0.0:
+    if correction > 0.0:
         advice = "" if is_detour else ": record some near this goal"
         rms = f"RMS {correction:.2g} rad or m"
         notes.append(f"shaped beyond the demonstrations ({rms}){advice}")

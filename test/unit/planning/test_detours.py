@@ -80,6 +80,7 @@ def test_detour_avoids_what_descent_does_not(post):
     plan = planner.plan(goal, start)
     assert plan.status == "solved"
     assert "a detour, because" in plan.message
+    assert "a goal like your demonstrations" in plan.message
     assert plan.facts["correction"] > 0.0
     urdf = config_file("human_arm.urdf")
     referee = SceneReferee(RigidArm(urdf, JOINTS), urdf, scene)
