@@ -103,15 +103,13 @@ class Model:
         links = {self.settings.end_effector_frame}
         robot, notes = self.robot, []
         if unlimited := self.limits.unlimited:
-            notes.append(
-                f"some joints have no limit of {', '.join(unlimited)}: set them with "
-                "'limits_file' before a real robot moves"
-            )
+            notes.append(f"{unlimited}: set them with 'limits_file' before a real robot moves")
         if found := self.planner.default_accelerations:
             listed = ", ".join(f"'{name}' {value:.3g}" for name, value in found.items())
             notes.append(
                 "joints without a limit of acceleration keep the demonstrated one times "
-                f"{self.settings.demonstrated_margin:g} [/s²]: {listed}"
+                f"{self.settings.demonstrated_margin:g} [/s²]: {listed}; stops "
+                "keep only limits that are set"
             )
         if note := limits_file_note(self.settings.limits_file):
             notes.append(note)

@@ -104,10 +104,14 @@ class JointLimits:
                 )
 
     @property
-    def unlimited(self) -> tuple[str, ...]:
-        """Which of velocity, acceleration and jerk have no limit for some joint."""
-        rates = {name: getattr(self, name) for name in ("velocity", "acceleration", "jerk")}
-        return tuple(name for name, values in rates.items() if np.isinf(values).any())
+    def unlimited(self) -> str:
+        """Words on limits of velocity, acceleration and jerk that joints lack; empty if none do."""
+        found: dict[str, list[str]] = {}
+        for name in ("velocity", "acceleration", "jerk"):
+            if (lacks := np.isinf(getattr(self, name))).any():
+                who = "no joint has a limit" if lacks.all() else "some joints have no limit"
+                found.setdefault(who, []).append(name)
+        return ", ".join(f"{who} of {' or '.join(names)}" for who, names in found.items())
 
     def __repr__(self) -> str:
         magnitudes = (self.velocity, self.acceleration, self.jerk, self.effort)

@@ -65,7 +65,8 @@ def test_a_file_replaces_limits_key_by_key_and_switches_them_off(write):
     assert limits.jerk.tolist() == [9.0, np.inf]
     assert limits.effort.tolist() == [40.5, np.inf]
     assert limits.lower.tolist() == [-np.inf, -np.inf]
-    assert limits.unlimited == ("velocity", "acceleration", "jerk")
+    whose = "some joints have no limit of velocity or jerk, no joint has a limit of acceleration"
+    assert limits.unlimited == whose
     assert stated["a"]["max_velocity"] == 1.0
 
 
