@@ -199,7 +199,8 @@ class Execution:
             self._was_at_rest = True
             since = f"{now - self.motion.time:.2f} s after the stop"
             text = f"stopped: the robot was seen at rest {since}"
-            return self._end(MotionOutcome.STOPPED, self._with_reason(text))
+            again = "; send the goal again" if self.reason else ""
+            return self._end(MotionOutcome.STOPPED, self._with_reason(text) + again)
         if following.motion is not self.motion:  # on a busy machine, the message comes late
             is_due = now > self.motion.time + START_DELAY and self._would_have_left(now)
             return self._never_started(now) if is_due else None

@@ -593,7 +593,8 @@ class MotionServer:
         else:
             left = self._threat_time() - now
         if left <= _RESERVE or self._is_given_up:
-            self._stop_for(verdict.reason, time_left=max(left, 0.0))
+            reason = f"{verdict.reason}, and no other motion was found in time"
+            self._stop_for(reason, time_left=max(left, 0.0))
         elif motion is not execution.motion:
             return  # nothing leads around an obstacle on that one
         elif self.is_idle and (goal := execution.rest_of_goal()):

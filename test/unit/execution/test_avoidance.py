@@ -75,7 +75,9 @@ def test_robot_stops_before_an_obstacle_that_covers_the_goal_until_a_new_goal(no
     node.run(7.0)
     node.assert_smooth()
     assert node.outcomes == ["stopped"]
-    assert "'lower_arm' would hit 'ball'" in node.execution_reports[0][1].message
+    said = node.execution_reports[0][1].message
+    assert "'lower_arm' would hit 'ball'" in said
+    assert said.endswith("no other motion was found in time; send the goal again")
     assert "no other motion was found" in node.logged[0] and "in collision" in node.logged[0]
     assert clearance(node, world, came) >= MARGIN
     node.use_world(World())
