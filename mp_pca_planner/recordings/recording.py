@@ -21,7 +21,7 @@ MIN_SAMPLES = 10
 
 REPAIRS = {
     "malformed": "message dropped: not one position for each name, or a name listed twice",
-    "missing_joints": "message dropped: it lacks a chosen joint (another publisher's, for example)",
+    "missing_joints": "message dropped: it lacks a chosen joint, as another publisher's",
     "non_finite": "message dropped: a position of a chosen joint is NaN, infinite or absurd",
     "unstamped": "message dropped: no header stamp, while most have one",
     "stray_stamps": "message dropped: its stamp is far from those before and after it",

@@ -94,15 +94,15 @@ class RecordingSet:
     @property
     def report(self) -> str:
         """What was repaired, dropped and rejected, one line for each kind and note."""
-        repairs, dropped = self.repairs, []
-        for kind in sorted(DROPPED & repairs.keys()):
-            reason = REPAIRS[kind].partition(": ")[2]
-            dropped.append(f"dropped: {repairs.pop(kind)} {kind} ({reason})")
+        repairs = []
+        for kind, count in sorted(self.repairs.items(), key=lambda one: one[0] in DROPPED):
+            what, n = "dropped" if kind in DROPPED else "repaired", len(self.reports)
+            where = f"{sum(kind in one.repairs for one in self.reports)} of {n} recording(s)"
+            repairs.append(f"{what}: {count} {kind} in {where} ({REPAIRS[kind]})")
         return "\n".join(
             [
                 f"{len(self.demonstrations)} motions in {len(self.reports)} usable recording(s)",
-                *(f"repaired: {count} {kind}" for kind, count in repairs.items()),
-                *dropped,
+                *repairs,
                 *self.notes,
                 *(
                     f"{listed(several, 3)}: {note}"

@@ -193,7 +193,7 @@ def test_a_motion_that_is_cut_off_and_an_absurd_joint_are_warned_of(tmp_path: Pa
     write_csv(tmp_path / "t.csv", positions=RECORDING.positions[:end], times=SECONDS[:end])
     with pytest.warns(UserWarning, match="1 of .* motions are dropped"):
         found = mp.load_demonstrations(tmp_path / "t.csv")
-    assert "dropped: 1 cut_off (an end of the recording" in found.report
+    assert "dropped: 1 cut_off in 1 of 1 recording(s) (motion dropped: an end" in found.report
     assert "repaired: 1 cut_off" not in found.report
     share = np.linspace(0.0, 100.0, SECONDS.size)[:, None]
     write_csv(
