@@ -8,7 +8,7 @@ import argparse
 from typing import Any
 
 from ..control.law import control_statement
-from ..exceptions import PlannerError
+from ..exceptions import PlannerError, listed
 from ..primitives.file import load_primitive
 from ..recordings.bags import find_recordings
 from ..recordings.reading import inspect_recording
@@ -67,4 +67,7 @@ def _contents(name: str, arguments: argparse.Namespace) -> tuple[list[dict[str, 
     paths = find_recordings([name])
     found = [inspect_recording(path, **options) for path in paths]
     lines = [line for facts in found for line in (*fact_lines(facts), "")]
+    refused = [facts["name"] for facts in found if facts["refusal"]]
+    if refused and len(found) > 1:
+        lines += [f"{len(refused)} of {len(found)} need something: {listed(refused)}", ""]
     return found, lines[:-1]

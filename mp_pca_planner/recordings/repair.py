@@ -182,7 +182,8 @@ def _common_joints(states: JointStates) -> Names:
         choices = "; ".join(quote_names(names) for names in several[:10])
         raise RecordingError(
             f"no joint is in every message of '{states.topic}': choose the joints, of one "
-            f"publisher or of several, from {choices}"
+            "publisher or of several, by --robot or --joints of build_primitives (robot=, joints= "
+            f"in Python), from {choices}"
         )
     return tuple(np.array(states.joint_names, dtype=object)[common])
 
