@@ -176,7 +176,7 @@ def robot_of(file: Path, primitives: PrimitiveLibrary) -> Robot:
         raise RobotError(
             f"{quote_names(primitives.names)} was learned for another robot: its joints "
             f"{quote_names(missing)} are not in '{file}', which has {quote_names(known)}; pass the "
-            "robot description of the recordings"
+            "robot description of the recordings, or build it with --robot"
         )
     return robot.with_joints(primitives.joint_names)
 

@@ -156,9 +156,12 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     plan = planner.plan(goal, {name: start[name] for name in joint_names}, arguments.mode)
     notes = [*plan.remarks, *remarks, limits_file_note(arguments.limits)]
     if plan.motions and planner.default_accelerations and not any(goal.times):
+        source = "the URDF has no limits of them; --limits gives others"
+        if arguments.limits:
+            source = "neither the URDF nor the limits file has limits of them"
         notes.append(
             f"accelerations are limited to {arguments.demonstrated_margin:g} times the "
-            "demonstrated, as the URDF has no limits of them; --limits gives others"
+            f"demonstrated, as {source}"
         )
     notes += _notes_on_joints(planner)
     frame = arguments.frame or robot.end_effector
