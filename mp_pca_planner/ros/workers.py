@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import pickle
 import signal
@@ -103,12 +104,16 @@ class WorkerProcess:
             message = self._inbox.popleft()
             key = getattr(message, "key", "set-up" if isinstance(message, SetUpDone) else None)
             self.due.pop(key, None)
+            if key == "set-up":  # requests have waited for it
+                due = self._time() + self.longest_solve + _ANSWER_TIME
+                self.due = dict.fromkeys(self.due, due)
             found.append(message)
         return found
 
     def check(self) -> None:
         """Kill the process if it does not answer in time."""
-        if not self._killed_for and self.due and self._time() > min(self.due.values()):
+        due = self.due.get("set-up", min(self.due.values(), default=math.inf))
+        if not self._killed_for and self._time() > due:
             self._killed_for = "it did not answer in time"
             self._process.kill()
 

@@ -91,8 +91,13 @@ def test_worker_is_ended_if_it_ignores_a_cancelled_request_and_not_once_it_has_a
     answer_of(worker, Planned)
     later = 1000.0
     worker.check()
+    os.kill(worker.pid, signal.SIGSTOP)
+    worker.send(SetUp(2, "", Settings()))
     worker.send(request(2))
-    answer_of(worker, Planned)
+    later += 30.0  # a request that waits for a set-up is not late
+    worker.check()
+    os.kill(worker.pid, signal.SIGCONT)
+    answer_of(worker, Rejected)
     os.kill(worker.pid, signal.SIGSTOP)
     worker.send(request(3))
     later += 1.9
