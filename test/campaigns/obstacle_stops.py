@@ -49,6 +49,7 @@ RADIUS, MARGIN = 0.03, 0.01
 DURATION = 4.0  # of the motions that are interrupted [s]
 APPEARS, EARLIEST = 0.2, 1.0  # share of the time to a collision, and the least such time [s]
 TIMEOUT = 60.0
+PAUSE = 0.5  # between rounds of the busy process: goals that wait for a set-up are refused [s]
 
 
 def main() -> int:
@@ -181,6 +182,7 @@ def _keep_busy(folder: Path, is_ready: Event) -> None:
             bomb.mesh_resource = f"file://{bombs[k % len(bombs)]}"
             bomb.scale.x = bomb.scale.y = bomb.scale.z = 1.0
             client.publish_markers(bomb)
+            time.sleep(PAUSE)
 
 
 if __name__ == "__main__":
