@@ -227,8 +227,8 @@ def search(context: Context, requests: Iterable[Request], budget: Budget) -> Can
     for request in requests:
         case, passes = first_case(context, request, budget), 0
         for stage in ORDER:
-            # The last two stages go on when time has run out: they take hardly any. A slow motion
-            # is for goals without any other.
+            # The last two stages go on when time has run out: they take little time. A slow
+            # motion is for goals without any other.
             if stage is slow:
                 is_needed = not (budget.is_cancelled() or (best is not None and best.is_valid))
             else:
