@@ -351,6 +351,9 @@ class SimulatedRobot:
 
     def cancel(self, goal: Hashable) -> bool:
         """Cancel a goal of the action at once; returns whether it was being executed."""
+        # A goal that was accepted is the controller's, even if its message is still under way.
+        while any(entry[2] == goal for entry in self._under_way):
+            self._deliver(*self._under_way.popleft()[1:])
         is_running = self.controller.cancel(goal)
         if is_running:
             self.record.cuts += [len(self.record), len(self.record) + 1]

@@ -11,6 +11,7 @@ from support.referee import judge
 
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.simulation.controller import to_message
 from mp_pca_planner.simulation.robot import Faults, SimulatedRobot
 
 START = np.array([0.1, 0.2, 0.0, 0.8])
@@ -177,3 +178,12 @@ def test_robot_is_held_while_its_clock_is_set():
             steps(one, 300)
         np.testing.assert_array_equal(jumped.record.q[n:], moved.record.q[n:])
         assert jumped.state_time_ns > published
+
+
+def test_goal_that_is_cancelled_before_the_next_cycle_moves_nothing():
+    simulated = steps(robot(), 10)
+    simulated.send_message(to_message(motion()), goal="cancelled")
+    assert simulated.cancel("cancelled")
+    steps(simulated, 1500)
+    assert [result[:2] for result in simulated.controller.results] == [("cancelled", "canceled")]
+    assert np.allclose(simulated.record.q, START, atol=1e-3)
