@@ -26,6 +26,7 @@ from ..primitives.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.trajectory_files import check_format
 from ..robot.limits import limits_file_note
+from ..robot.locked import mimicking_joints, mimicry, relevant_joints
 from ..robot.meshes import package_folders
 from ..robot.model import Robot
 from ..robot.world import World
@@ -173,9 +174,9 @@ def _notes_on_joints(planner: Planner) -> list[str]:
     robot, collision = planner.robot, planner.collision
     links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
     links += [constraint.frame for constraint in planner.options.constraints]
-    relevant = robot.relevant_joints(pairs=collision is not None, links=links)
-    placed = {*robot.locked_positions, *robot.mimicking_joints}
-    notes = robot.mimicry(relevant)
+    relevant = relevant_joints(robot, pairs=collision is not None, links=links)
+    placed = {*robot.locked_positions, *mimicking_joints(robot)}
+    notes = mimicry(robot, relevant)
     if unknown := [name for name in relevant if name not in placed]:
         notes.append(
             f"joints {quote_names(unknown)} count as 0: to place them, name all joints in --start, "

@@ -34,6 +34,7 @@ from ..planning.report import motion_remarks
 from ..primitives.library import PrimitiveLibrary, load_primitives
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits, Overrides, limits_file_note
+from ..robot.locked import carrying_joints, mimicry, relevant_joints
 from ..robot.meshes import package_folders
 from ..robot.model import Robot
 from ..robot.world import World
@@ -120,7 +121,7 @@ class Model:
             self.limits,
             dict(robot.drives),
             dict(robot.locked_positions),
-            robot.carrying_joints(links),
+            carrying_joints(robot, links),
             unknown_positions(self, World()),
             self.end_effector,
             tuple(notes),
@@ -207,7 +208,7 @@ def is_outdated(model: Model, measured: Mapping[str, float], world: World) -> bo
 def unknown_positions(model: Model, world: World) -> str:
     """Which joints make a difference and have an unknown position; empty if there are none."""
     known, relevant = model.robot.locked_positions, _relevant(model, world)
-    if texts := model.robot.mimicry(relevant):
+    if texts := mimicry(model.robot, relevant):
         return texts[0]
     unknown = [name for name in relevant if name not in known]
     if not unknown:
@@ -224,7 +225,7 @@ def _relevant(model: Model, world: World) -> tuple[str, ...]:
     links = {model.settings.end_effector_frame, *(obstacle.frame for obstacle in world)}
     links |= {constraint.frame for constraint in model.constraints}
     pairs = model.collision is not None and model.collision.checks_links
-    return model.robot.relevant_joints(pairs=pairs, links=links)
+    return relevant_joints(model.robot, pairs=pairs, links=links)
 
 
 def _locked(robot: Robot, settings: Settings, measured: Mapping[str, float]) -> dict[str, float]:

@@ -25,6 +25,7 @@ from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from ..robot.bodies import Bodies
 from ..robot.distances import CONTACT, BodyPairs, Indices, JointTree, NearPairs
+from ..robot.joints import joints_of_links
 from ..robot.model import Robot
 from ..robot.urdf import parse_xml
 from ..robot.world import World
@@ -165,7 +166,7 @@ class CollisionModel:
         model, order = robot.pinocchio_model()
         self._links = links = robot.link_bodies(package_dirs)
         self._tree = JointTree(model, np.argsort(order))
-        excepted = robot.are_neighbours(links.names) if srdf is None else _disabled(srdf, links)
+        excepted = _are_neighbours(robot, links.names) if srdf is None else _disabled(srdf, links)
         # A pair without relative motion is not checked.
         excepted |= links.joints[:, None] == links.joints
         pairs = np.argwhere(np.triu(~excepted, 1)) if self_collision else np.zeros((0, 2), np.intp)
@@ -363,6 +364,14 @@ def _are_apart(tree: JointTree, links: Bodies, pairs: Indices, q: FloatArray) ->
     are_apart = np.ones(len(pairs), dtype=bool)
     are_apart[touching(exact, near)] = False
     return are_apart
+
+
+def _are_neighbours(robot: Robot, links: Sequence[str]) -> NDArray[np.bool_]:
+    """Whether at most one joint is between two links, locked ones included, for each two."""
+    full = robot.description.model
+    joints = np.array(joints_of_links(full, links), dtype=np.intp)
+    above, moved = np.array(full.parents, dtype=np.intp)[joints], joints[:, None]
+    return np.asarray((moved == joints) | (moved == above) | (above[:, None] == joints))
 
 
 def _disabled(srdf: str | Path, links: Bodies) -> NDArray[np.bool_]:

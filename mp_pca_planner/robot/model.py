@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,18 +19,8 @@ from ..files import read_text, reading
 from ..lazy import LazyModule
 from .bodies import Bodies
 from .examples import EXAMPLE_ROBOTS, example_file
-from .joints import (
-    JointOrder,
-    LinkInertias,
-    effort_slopes,
-    inertia_flaws,
-    joints_of_links,
-    link_inertias,
-    locked_joints,
-    positions_with_mimics,
-    reduced_model,
-    scale_links,
-)
+from .inertias import effort_slopes, inertia_flaws, scaled_inertias
+from .joints import JointOrder, positions_with_mimics, reduced_model
 from .limits import DRIVE_KEYS, JointLimits, Overrides, given_limits, merge_limits
 from .urdf import read_description
 
@@ -80,6 +70,8 @@ class Robot:
         The links, and the last one of those that most joints move.
     urdf : str
         The robot description.
+    description : Description
+        What it states of all joints and links.
     path : Path or None
         The file that the description was read from.
 
@@ -108,7 +100,7 @@ class Robot:
     ) -> None:
         self._source, self.urdf, self._given_locks = source, urdf, dict(locked or {})
         self.path: Path | None = None
-        self._description = description = read_description(urdf, source)
+        self.description = description = read_description(urdf, source)
         self.name = description.name
         movable = (name for name in description.model.names if name in description.types)
         self.movable_joints = tuple(movable)
@@ -216,66 +208,6 @@ class Robot:
         """The joints that move, in the order of the robot description."""
         return tuple(name for name in self.movable_joints if name in self.joint_names)
 
-    @property
-    def mimicking_joints(self) -> Mapping[str, str]:
-        """Locked joints that mimic one that moves, and that one; in the model, they are fixed."""
-        mimics, mimicking = self._description.mimics, dict[str, str]()
-        for name in self.movable_joints:
-            followed = name
-            for _ in mimics:  # which may also mimic each other in a circle
-                if followed in mimics and followed not in self.joint_names:
-                    followed, _, _ = mimics[followed]
-            if followed != name and followed in self.joint_names:
-                mimicking[name] = followed
-        return mimicking
-
-    def mimicry(self, joint_names: Collection[str]) -> list[str]:
-        """A sentence on each of these joints that mimics one that moves."""
-        return [
-            f"joint '{name}' mimics '{followed}', which the primitives move, but would count as "
-            f"fixed: build the primitives without '{followed}' (--joints)"
-            for name, followed in self.mimicking_joints.items()
-            if name in joint_names
-        ]
-
-    def relevant_joints(self, *, pairs: bool, links: Collection[str] = ()) -> tuple[str, ...]:
-        """The locked joints whose positions make a difference to the motion of the others.
-
-        These place joints that move, or they place a mass or a collision shape that these carry.
-
-        Parameters
-        ----------
-        pairs : bool
-            Whether pairs of links are checked for collisions: then collision shapes that the base
-            carries matter, too.
-        links : collection of str
-            Links whose poses are needed.
-        """
-        description, full = self._description, self._description.model
-        shapes = [link for link in description.links if description.states(link, "collision")]
-        fixed = locked_joints(full, self.joint_names)
-        moving = set(range(1, full.njoints)) - set(fixed)
-        colliding = set(joints_of_links(full, shapes))
-        needed = moving | set(joints_of_links(full, links))
-        relevant = []
-        for joint in fixed:
-            carried, is_carried = set(full.subtrees[joint]), moving & set(full.supports[joint])
-            has_mass = any(full.inertias[i].mass > 0.0 for i in carried)
-            if (
-                carried & needed
-                or (is_carried and has_mass)
-                or ((is_carried or pairs) and carried & colliding)
-            ):
-                relevant.append(full.names[joint])
-        return tuple(relevant)
-
-    def carrying_joints(self, links: Collection[str] = ()) -> tuple[str, ...]:
-        """The locked joints that place joints that move, or some links."""
-        full = self._description.model
-        fixed = locked_joints(full, self.joint_names)
-        placed = {*range(1, full.njoints)} - {*fixed} | {*joints_of_links(full, links)}
-        return tuple(full.names[joint] for joint in fixed if set(full.subtrees[joint]) & placed)
-
     def locked_at(self, positions: Mapping[str, float]) -> Robot:
         """The robot with other positions of the joints that do not move [rad or m]."""
         return self._read_again(self.joint_names, positions)
@@ -296,13 +228,13 @@ class Robot:
         layers = (given_limits(layer, self.movable_joints) for layer in overrides)
         return JointLimits(
             self.joint_names,
-            merge_limits(self._description.limits, *layers),
+            merge_limits(self.description.limits, *layers),
             source=f"limits of the {self._source}",
         )
 
     def position_ranges(self) -> dict[str, tuple[float, float]]:
         """Least and largest position of each joint that the URDF states [rad or m], by name."""
-        ranges, stated = {}, self._description.limits
+        ranges, stated = {}, self.description.limits
         for name in self.joint_names:
             ends = ("min_position", -np.inf), ("max_position", np.inf)
             low, high = (stated[name].get(key, usual) for key, usual in ends)
@@ -378,9 +310,11 @@ class Robot:
         return self._with_model(model)
 
     @cached_property
-    def link_inertias(self) -> LinkInertias:
-        """Masses and principal moments of inertia of the links that the joints move."""
-        return link_inertias(self._description.inertias, self._model)
+    def link_inertias(self) -> Mapping[str, Any]:
+        """Inertias of the links that the joints move, in the frames of the links."""
+        frames = [self._model.frames[i] for i in self._ids.values()]
+        moved = {frame.name for frame in frames if frame.parentJoint > 0}
+        return {name: x for name, x in self.description.inertias.items() if name in moved}
 
     def with_drives(self, *overrides: Overrides | str | Path) -> Robot:
         """The same robot with other drives, which its efforts include.
@@ -420,9 +354,7 @@ class Robot:
             Factors of the mass and of the three principal moments of inertia about the centre of
             mass of each link of `link_inertias`.
         """
-        model = self._model.copy()
-        scale_links(model, self.link_inertias, factors)
-        return self._with_model(model)
+        return self._with_model(scaled_inertias(self._model, self.link_inertias, factors))
 
     def link_bodies(self, package_dirs: Sequence[Path]) -> Bodies:
         """The collision shapes of the links.
@@ -437,26 +369,7 @@ class Robot:
         RobotError
             If a shape can't be used, or a mesh can't be found or read.
         """
-        return Bodies.of_links(self._model, self._description, package_dirs, self._source)
-
-    def are_neighbours(self, links: Sequence[str]) -> NDArray[np.bool_]:
-        """Whether at most one joint is between two links, locked ones included.
-
-        Parameters
-        ----------
-        links : sequence of str
-            Names of n_links links.
-
-        Returns
-        -------
-        are_neighbours : array of bool, shape (n_links, n_links)
-            For each two of them.
-        """
-        full = self._description.model
-        joints = np.array(joints_of_links(full, links), dtype=np.intp)
-        above = np.array(full.parents, dtype=np.intp)[joints]
-        moved = joints[:, None]
-        return np.asarray((moved == joints) | (moved == above) | (above[:, None] == joints))
+        return Bodies.of_links(self._model, self.description, package_dirs, self._source)
 
     # Dynamics
 
@@ -711,18 +624,12 @@ class Robot:
         RobotError
             If there is no such frame.
         """
-        model, frame_ids = self._model.copy(), self._frame_ids(frames)
-        ids = []
-        for i, (frame_id, offset) in enumerate(zip(frame_ids, offsets, strict=True)):
-            frame = model.frames[frame_id]
-            placement = frame.placement * pin.SE3(np.eye(3), offset)
-            kind = pin.FrameType.OP_FRAME
-            ids.append(
-                model.addFrame(
-                    pin.Frame(f"point {i}", frame.parentJoint, frame_id, placement, kind)
-                )
-            )
-        return AttachedPoints(model, ids, self._order)
+        carriers = [self._model.frames[i] for i in self._frame_ids(frames)]
+        places = [
+            (frame.parentJoint, frame.placement * pin.SE3(np.eye(3), offset))
+            for frame, offset in zip(carriers, offsets, strict=True)
+        ]
+        return AttachedPoints(self._model, places, self._order)
 
     def _frame_ids(self, frames: Sequence[str]) -> list[int]:
         for name in frames:
@@ -734,9 +641,9 @@ class Robot:
 class AttachedPoints:
     """Points fixed to frames of a robot, made by :meth:`Robot.attach_points`."""
 
-    def __init__(self, model: Any, ids: Sequence[int], order: JointOrder) -> None:
+    def __init__(self, model: Any, places: Sequence[tuple[int, Any]], order: JointOrder) -> None:
         self._model, self._data = model, model.createData()
-        self._ids, self._order = list(ids), order
+        self._places, self._order = places, order
 
     @property
     def n_joints(self) -> int:
@@ -758,18 +665,15 @@ class AttachedPoints:
         jacobians : array, shape (n_steps, n_points, 3, n_joints)
             ∂points/∂q [m/rad, or 1].
         """
-        model, data, ids = self._model, self._data, self._ids
+        model, data, aligned = self._model, self._data, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         (q,) = self._order.checked(q, n_dims=2)
-        points = np.empty((len(q), len(ids), 3))
-        jacobians = np.empty((len(q), len(ids), 3, self.n_joints))
+        points = np.empty((len(q), len(self._places), 3))
+        jacobians = np.empty((*points.shape, self.n_joints))
         for q_k, points_k, jacobians_k in zip(q, points, jacobians, strict=True):
             pin.computeJointJacobians(model, data, q_k)
-            pin.updateFramePlacements(model, data)
-            for i, frame in enumerate(ids):
-                points_k[i] = data.oMf[frame].translation
-                jacobians_k[i] = pin.getFrameJacobian(
-                    model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-                )[:3]
+            for i, (joint, place) in enumerate(self._places):
+                points_k[i] = data.oMi[joint].act(place.translation)
+                jacobians_k[i] = pin.getFrameJacobian(model, data, joint, place, aligned)[:3]
         return points, self._order.restored(jacobians)
 
 

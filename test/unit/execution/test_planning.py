@@ -27,6 +27,7 @@ from mp_pca_planner.execution.planning import (
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.planning.objectives import effort, time
 from mp_pca_planner.primitives.file import save_primitive
+from mp_pca_planner.robot.locked import mimicking_joints
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 
@@ -91,7 +92,7 @@ def test_a_joint_that_mimics_one_that_moves_is_rejected_even_if_it_is_measured()
     model = assemble_model(urdf, PRIMITIVES, Settings(), {"finger": 0.04})
     text = f"joint 'finger' mimics '{JOINTS[3]}', which the primitives move"
     assert unknown_positions(model, World()).startswith(text)
-    assert model.robot.mimicking_joints == {"finger": JOINTS[3]}
+    assert mimicking_joints(model.robot) == {"finger": JOINTS[3]}
 
 
 def test_joints_that_the_primitives_do_not_move_are_locked_where_they_are_measured() -> None:

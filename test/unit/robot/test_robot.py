@@ -8,6 +8,7 @@ from support.arm import JOINTS, arm_robot
 
 from mp_pca_planner.exceptions import LimitsError, RobotError
 from mp_pca_planner.files import config_file
+from mp_pca_planner.robot.locked import mimicking_joints
 from mp_pca_planner.robot.model import Robot
 
 # A pendulum of 2 kg at 0.5 m on a continuous joint, on a cart that slides along x, with a
@@ -172,10 +173,10 @@ def test_joints_that_mimic_others_move_only_if_asked_for():
     robot = Robot(mimicking("finger"))
     assert robot.joint_names == ("finger", "swing")
     assert robot.movable_joints == Robot(CART).movable_joints
-    assert robot.mimicking_joints == {"slide": "finger"}
-    assert Robot(mimicking("finger"), ["slide"]).mimicking_joints == {}
+    assert mimicking_joints(robot) == {"slide": "finger"}
+    assert mimicking_joints(Robot(mimicking("finger"), ["slide"])) == {}
     for circle in (mimicking("slide", "slide"), mimicking("finger", "slide")):
-        assert Robot(circle, ["swing"]).mimicking_joints == {}
+        assert mimicking_joints(Robot(circle, ["swing"])) == {}
 
 
 def test_end_effector_is_the_last_link_that_most_joints_move():
