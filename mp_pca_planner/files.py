@@ -176,6 +176,8 @@ def _reason(error: Exception) -> str:
         return "it is not UTF-8 text"
     if isinstance(error, RecursionError):
         return "it is nested too deeply"
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
+        return f"it is not YAML (line {error.problem_mark.line + 1}: {error.problem})"
     reason: str = getattr(error, "strerror", None) or " ".join(str(error).split())
     if isinstance(error, KeyError | MemoryError) or not reason:
         reason = f"{type(error).__name__} {reason}".strip()

@@ -21,6 +21,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..arrays import FloatArray, by_name
+from ..exceptions import PlannerError, quote_names
 from ..execution.outcomes import MotionOutcome
 from ..files import config_file
 from ..motion.trajectory import Trajectory
@@ -64,6 +65,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     folder: Path = arguments.output
     if arguments.robot is None:
+        if arguments.node or arguments.files or arguments.force:
+            raise PlannerError(
+                f"--node, --files and --force are for one ROBOT of {quote_names(EXAMPLE_ROBOTS)}: "
+                "name it, or remove them"
+            )
         return _pipeline(folder)
     make_folder(folder)
     files = write_example(arguments.robot, folder, force=arguments.force)

@@ -51,8 +51,7 @@ def joint_values(
         numbers = read_numbers(text, f"{what}, name=value,… or a list,")
         if len(numbers) != len(names):
             raise GoalError(
-                f"{what} has {len(numbers)} values, but there are {len(names)} {kind}s: "
-                f"{', '.join(names)}"
+                f"{what} has {len(numbers)} values, expected {len(names)}: {', '.join(names)}"
             )
         values = dict(zip(names, numbers, strict=True))
     return {name: math.radians(x) if name in angles else x for name, x in values.items()}

@@ -47,6 +47,13 @@ seconds = number(1e-6, 1e6, "s")
 """Type of times [s]."""
 
 
+def folder(text: str) -> Path:
+    """A folder that exists."""
+    if not Path(text).is_dir():
+        raise ArgumentTypeError(f"there is no folder '{text}'")
+    return Path(text)
+
+
 def name_list(text: str) -> list[str]:
     """Names separated by commas."""
     names = [name.strip() for name in text.split(",")]
@@ -124,7 +131,7 @@ def add_robot_files(parser: argparse.ArgumentParser, *, is_needed: bool = True) 
     add("primitives", metavar="FILE", nargs=several, help="primitive files or folders")
     add("--robot", metavar="URDF", type=Path, required=is_needed, help="robot description")
     add_file(parser, "--limits", "FILE.yaml", "limits, as in MoveIt's joint_limits.yaml")
-    folders: dict[str, Any] = {"metavar": "DIR", "type": Path, "nargs": "+", "default": []}
+    folders: dict[str, Any] = {"metavar": "DIR", "type": folder, "nargs": "+", "default": []}
     help_text = "folders of packages with meshes; searched before ROS's"
     add("--package-dirs", **folders, help=help_text)
 

@@ -61,9 +61,10 @@ def run(arguments: argparse.Namespace) -> int:
         demonstrated_distance(motion, request.primitives)
         for motion in (RefinedMotion(plan.motions), found.motion)
     )
+    unit = planner.robot.position_unit
     facts = {
         "message": f"saves {found.gain:.1%} of the cost; RMS distance in path from what the "
-        f"demonstrations predict: {before:.3g} before, {after:.3g} after [rad or m]",
+        f"demonstrations predict: {before:.3g} {unit} before, {after:.3g} {unit} after",
         **request.facts(),
         "in_span_score": plan.in_span_score,
         "primitive": plan.primitive,

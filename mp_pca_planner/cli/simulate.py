@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import by_name
+from ..exceptions import RobotError
 from ..files import write_whole
 from ..primitives.library import load_primitives
 from ..robot.model import Robot
@@ -68,6 +69,13 @@ def run(arguments: argparse.Namespace) -> int:
         start = by_name(library.joint_names, usual_ends(library.ends)[0])
     if arguments.start is not None:
         start |= joint_values(arguments.start, robot.described_joints, "--start")
+    limits = robot.limits()
+    for name, low, high in zip(robot.joint_names, limits.lower, limits.upper, strict=True):
+        if not low <= start[name] <= high:
+            raise RobotError(
+                f"the start of joint '{name}' is {start[name]:g}, outside its limits "
+                f"[{low:g}, {high:g}] {robot.position_unit}; degrees are not read"
+            )
     simulated = SimulatedRobot(
         robot,
         np.array([start[name] for name in robot.joint_names]),

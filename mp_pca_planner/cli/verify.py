@@ -122,21 +122,24 @@ def _statement(
     loop: ControlLoop, errors: ErrorModel, stability: Stability, armature: FloatArray
 ) -> str:
     """A sentence on the error bound: its motion and robot, and what it assumes."""
-    motion = loop.trajectory
+    motion, unit = loop.trajectory, loop.model.position_unit
+    torque, inertia = "N·m", "kg·m²"
+    if loop.model.prismatic_joints:
+        torque, inertia = "N·m or N", "kg·m² or kg"
 
     def shown(values: FloatArray) -> str:
         return name_values(by_name(motion.joint_names, values))
 
     verdict = "no error bound"
     if stability.error_bound is not None and stability.holds:
-        verdict = f"errors stay within {shown(stability.error_bound.max(axis=0))} rad or m"
+        verdict = f"errors stay within {shown(stability.error_bound.max(axis=0))} {unit}"
     return (
         f"{verdict} on the motion from {shown(motion.positions[0])} to "
         f"{shown(motion.positions[-1])} in {motion.duration:.6g} s of robot '{loop.model.name}', "
         f"if each mass and moment of inertia is within {100.0 * errors.inertia:g} %, "
-        f"friction within {shown(np.asarray(errors.friction))} N·m or N, "
-        f"the inertias of the rotors are {shown(armature)} kg·m² or kg, "
-        f"the start within {errors.position:g} rad or m, the control period "
+        f"friction within {shown(np.asarray(errors.friction))} {torque}, "
+        f"the inertias of the rotors are {shown(armature)} {inertia}, "
+        f"the start within {errors.position:g} {unit}, the control period "
         f"{1e3 * loop.period:g} ms, and the delay {loop.delay} samples; not included: "
         "errors of centres of mass and of the velocity at the start, elasticity, backlash, and "
         "noise of the sensors"

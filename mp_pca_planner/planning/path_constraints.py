@@ -119,7 +119,7 @@ def _upright(text: str) -> Upright:
         degrees, axis = float("nan"), []
     if not np.isfinite(degrees) or len(axis) not in (0, 3):
         raise GoalError(
-            f"'{text}' is not FRAME,DEGREES or FRAME,DEGREES,X,Y,Z with the axis of the frame"
+            "expected upright:FRAME:DEGREES, or upright:FRAME:DEGREES:X:Y:Z with the axis of it"
         )
     check_number(degrees, "the angle of an upright frame, in degrees,", GoalError, 0.1, 170.0)
     x, y, z = axis or (0.0, 0.0, 1.0)
@@ -158,6 +158,6 @@ def path_constraints(text: str, what: str, robot: Robot) -> tuple[PathConstraint
         try:
             found.append(CONSTRAINTS[name](value))
         except GoalError as error:
-            raise GoalError(f"{what}: {error}") from None
+            raise GoalError(f"{what} '{part}': {error}") from None
         found[-1].values(robot, np.zeros((0, robot.n_joints)))
     return tuple(found)

@@ -57,7 +57,8 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
     if status != INFEASIBLE:
         is_shaped = context.options.basis == "pca" and correction > 0.0
         parts = [_headline(context, best, score, nearest, is_shaped=is_shaped), message]
-        parts += _concessions(best, correction if is_shaped else 0.0)
+        unit = context.robot.position_unit
+        parts += _concessions(best, correction if is_shaped else 0.0, unit)
         message = "; ".join(filter(None, parts))
     remarks = motion_remarks(score, best.check, outside)
     collision = _collision_words(context.collision, best)
@@ -217,7 +218,7 @@ def _met(context: Context, best: Candidate) -> str:
     return met
 
 
-def _concessions(best: Candidate, correction: float) -> list[str]:
+def _concessions(best: Candidate, correction: float, unit: str) -> list[str]:
     """What was done for the goal beyond a usual motion."""
     request, notes = best.request, []
     is_detour = best.bases[0].is_detour
@@ -233,8 +234,7 @@ def _concessions(best: Candidate, correction: float) -> list[str]:
         notes.append("shaped to avoid a collision")
     if correction > 0.0:
         advice = "" if is_detour else ": record some near this goal"
-        rms = f"RMS {correction:.2g} rad or m"
-        notes.append(f"shaped beyond the demonstrations ({rms}){advice}")
+        notes.append(f"shaped beyond the demonstrations (RMS {correction:.2g} {unit}){advice}")
     return notes
 
 

@@ -122,8 +122,8 @@ class MovementPrimitive:
     def __str__(self) -> str:
         facts, words = self.summary(), prediction_words(self)
         rms = np.sqrt(np.mean(self.fit_residual**2))
-        own = f"demonstrations: {rms:.3g} rad or m RMS from their reproductions by the components"
-        lines = [repr(self), f"  {own}", *([f"  {words}"] if words else [])]
+        own = f"demonstrations: {rms:.3g} {_unit(self)} RMS from their reproductions"
+        lines = [repr(self), f"  {own} by the components", *([f"  {words}"] if words else [])]
         for joint in self.joint_names:
             ends = (*facts["starts"][joint], *facts["goals"][joint])
             a, b, c, d = (round(x, 2) + 0.0 for x in ends)  # no minus before zero
@@ -341,8 +341,8 @@ class MovementPrimitive:
     def sample(self, n: int, start: StateLike, goal: StateLike, seed: int = 0) -> list[Trajectory]:
         """Draw motions from the conditional distribution of a request.
 
-        Weights are drawn from a Student's t distribution; duration and time scaling are the
-        expected ones. It warns as :meth:`predict` does.
+        Weights are drawn from a Student's t distribution. All motions have the same, expected
+        duration and time scaling. It warns as :meth:`predict` does.
 
         Parameters
         ----------
@@ -568,6 +568,11 @@ def prediction_words(primitive: MovementPrimitive) -> str:
     if n < _FEW:
         advice = f"; {n} motions give an uncertain estimate: record ten to thirty"
     return (
-        f"left-out motions: {left_out:.3g} rad or m RMS from their predictions (for any number "
-        f"of components), {much} nearer than minimum-jerk motions ({straight:.3g}){advice}"
+        f"left-out motions: {left_out:.3g} {_unit(primitive)} RMS from their predictions (for any "
+        f"number of components), {much} nearer than minimum-jerk motions ({straight:.3g}){advice}"
     )
+
+
+def _unit(primitive: MovementPrimitive) -> str:
+    """Unit of values of all joints; only a robot description says which are prismatic."""
+    return "rad or m" if primitive.metadata.get("prismatic_joints") else "rad"

@@ -71,6 +71,7 @@ def dask_cluster(address: str) -> Iterator[Executor]:
     """
     distributed = require("distributed", "dask", "work on a Dask cluster")
     try:
+        distributed.comm.get_address_host_port(address)  # a client without a port never ends
         client = distributed.Client(address, timeout=_CONNECTION_TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise RecordingError(

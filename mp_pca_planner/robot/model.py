@@ -204,6 +204,11 @@ class Robot:
         return robot
 
     @property
+    def position_unit(self) -> str:
+        """Unit of positions for messages: ``rad``, or ``rad or m`` where joints are prismatic."""
+        return "rad or m" if self.prismatic_joints else "rad"
+
+    @property
     def described_joints(self) -> tuple[str, ...]:
         """The joints that move, in the order of the robot description."""
         return tuple(name for name in self.movable_joints if name in self.joint_names)

@@ -187,7 +187,7 @@ ENDS = ["--start", START, "--goal", GOAL]
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--start", "1,2,3", "--goal", GOAL], "3 values, but there are 4 joints"),
+        (["--start", "1,2,3", "--goal", GOAL], "3 values, expected 4: "),
         (["--start", "shoulder1=0", "--goal", GOAL], "--start lacks a position for shoulder2"),
         (["--start", START, "--goal", "elbow=9"], "in radians; in degrees, 515.66"),
         (["--start", START], "--goal"),
@@ -200,6 +200,8 @@ ENDS = ["--start", START, "--goal", GOAL]
         ([*ENDS, "--objective", "jerk=-1"], "expected one from 1e-12"),
         ([*ENDS, "--primitive", "leg"], "no primitive is called 'leg'"),
         ([*ENDS, "--output", "m.xyz"], "must end in .csv"),
+        ([*ENDS, "--package-dirs", "nothere"], "there is no folder 'nothere'"),
+        ([*ENDS, "--limits", URDF], "limits file"),
         ([*ENDS, "--margin", "0.1"], "also pass --obstacles"),
         ([*ENDS, "--no-collision", "--srdf", "x.srdf"], "remove --no-collision"),
     ],

@@ -94,6 +94,13 @@ def test_interrupted_demo_ends_its_child_processes(tmp_path, words, number, stat
     assert not any(Path(f"/proc/{pid}").exists() for pid in started)
 
 
+@pytest.mark.parametrize("option", ["--node", "--files"])
+def test_what_is_for_one_robot_needs_its_name(option, tmp_path, capsys):
+    assert main(["demo", option, "--output", str(tmp_path / "made")]) == 2
+    assert "for one ROBOT of 'human_arm', 'panda'" in capsys.readouterr().err
+    assert not (tmp_path / "made").exists()
+
+
 @pytest.mark.parametrize("name", EXAMPLE_ROBOTS)
 def test_files_of_every_example_give_motions_of_its_arm_and_are_kept(tmp_path, name, capsys):
     if name != HUMAN_ARM:

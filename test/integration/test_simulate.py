@@ -166,7 +166,8 @@ def test_options_count_and_faults_are_parameters(tmp_path):
     [
         (["--start", "wrist=1"], "no joint is called 'wrist'"),
         (["--payload", "-1"], "payload is -1.0, expected a number from 0"),
-        (["--start", "1,2"], "--start has 2 values, but there are 4 joints"),
+        (["--start", "elbow=-30"], "the start of joint 'elbow' is -30, outside its limits ["),
+        (["--start", "1,2"], "--start has 2 values, expected 4: "),
     ],
 )
 def test_wrong_use_is_refused_in_one_line(options, reason):

@@ -335,7 +335,7 @@ def test_commands_send_goals_poses_sequences_and_stops_and_print_their_reports(
         assert "did you mean 'elbow'" in capsys.readouterr().out
         # A list is in the order of the robot description.
         assert main(["send_goal", "[0.1, 0.2]", "--wait", "0"]) == 2
-        assert "has 2 values, but there are 4 joints: " in capsys.readouterr().err
+        assert "has 2 values, expected 4: " in capsys.readouterr().err
         report, trajectory = send("elbow=-0.3@2", "--via", "elbow=-0.6@1")
         assert report["n_segments"] == "2"
         at = [times(trajectory).index(WAIT + seconds * 10**9) for seconds in (1, 2)]

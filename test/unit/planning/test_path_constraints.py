@@ -122,8 +122,8 @@ def test_texts_are_read_and_wrong_ones_rejected():
     assert found == Upright(FRAME, np.deg2rad(30.0), (1.0, 0.0, 0.0))
     for text, message in (
         ("level=wrist,3", "--constraint: no constraint is called 'level'.*'upright'"),
-        ("upright=wrist", "--constraint: 'wrist' is not FRAME,DEGREES"),
-        ("upright=wrist,10,1", "is not FRAME,DEGREES"),
+        ("upright=wrist", "--constraint 'upright=wrist': expected upright:FRAME:DEGREES"),
+        ("upright=wrist,10,1", "expected upright:FRAME:DEGREES"),
         ("upright=wrist,0", "in degrees, must be a number from 0.1 to 170, got 0"),
         ("upright:wrist:400", "in degrees, must be a number from 0.1 to 170, got 400"),
         ("upright=wrist,10,0,0,0", "must not be 0"),

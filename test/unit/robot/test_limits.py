@@ -92,7 +92,7 @@ def test_a_file_with_degrees_and_keys_of_pilz_is_read(write):
         ("joint_limits: {a: {damping: -1}}", "damping of joint 'a' must be a number from 0"),
         ("joint_limits: {a: {max_velocty: 1}}", "did you mean 'max_velocity'"),
         ("joint_limits: {a: {max_velocity: true}}", "not a number"),
-        ("joint_limits: {a: [", "can't be read"),
+        ("joint_limits: {a: [", r"can't be read: it is not YAML \(line 2: "),
         ("joint_limits: {a: &x {max_velocity: 1}, b: *x}", "aliases of YAML"),
     ],
 )
