@@ -25,8 +25,8 @@ from ..primitives.timing import ALIGNMENTS
 from ..recordings.cutting import segments_table
 from ..recordings.demonstration import Demonstration
 from ..recordings.load import facts_of_robot, load_recordings
+from ..recordings.options import CUTS, MIN_REST
 from ..recordings.recording_set import RecordingSet
-from ..recordings.segmentation import CUTS, SegmentationOptions
 from ..robot.model import Robot
 from .common import check_output, make_folder, primitive_lines, print_json, progress_bar
 from .options import (
@@ -87,12 +87,9 @@ def _add_joints(group: argparse._ArgumentGroup) -> None:
 def _add_cutting(group: argparse._ArgumentGroup) -> None:
     help_text = "cut at rests (auto, the default), or don't cut"
     group.add_argument("--segment", choices=["auto", "none"], default="auto", help=help_text)
-    help_text = "rests: cut at rests alone, in episodes, too; valleys: of the speed, too (default)"
+    help_text = "at rests, or at valleys of the speed, too (default; episodes stay whole)"
     group.add_argument("--cut", choices=CUTS, help=help_text)
-    help_text = (
-        "shortest rest that cuts, but episodes without --cut rests [s] "
-        f"(default: {SegmentationOptions.min_rest})"
-    )
+    help_text = f"shortest rest that cuts, in episodes, too [s] (default: {MIN_REST})"
     group.add_argument("--min-rest", metavar="S", type=seconds, help=help_text)
     add_file(group, "--segments", "FILE.csv", "table recording,start_time_s,end_time_s[,label]")
     add_file(group, "--write-segments", "FILE.csv", "table of the motions to write")
@@ -166,7 +163,8 @@ def _load(arguments: argparse.Namespace, robot: Robot | None) -> RecordingSet:
             moving_only=robot is not None and not arguments.joints,
             segment=arguments.segment,
             segments_csv=arguments.segments,
-            segmentation=_segmentation(arguments),
+            cut=arguments.cut,
+            min_rest=arguments.min_rest,
             jobs=arguments.jobs,
             dask=arguments.dask,
             same_joints=True,
@@ -176,16 +174,6 @@ def _load(arguments: argparse.Namespace, robot: Robot | None) -> RecordingSet:
             **reading_options(arguments),
             **facts_of_robot(robot),
         )
-
-
-def _segmentation(arguments: argparse.Namespace) -> SegmentationOptions:
-    chosen = {"min_rest": arguments.min_rest, "cut": arguments.cut}
-    given = {name: value for name, value in chosen.items() if value is not None}
-    if given and (arguments.segments is not None or arguments.segment == "none"):
-        raise RecordingError(
-            "--cut and --min-rest are for --segment auto: remove them, or --segments and --segment"
-        )
-    return SegmentationOptions(**given)
 
 
 def _groups(recordings: RecordingSet, by: str) -> dict[str, list[Demonstration]]:

@@ -15,7 +15,6 @@ from ..control.law import control_statement
 from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive, prediction_words
 from ..primitives.timing import own_phases
-from ..recordings.cutting import overview, smoothed
 from ..recordings.recording import REPAIRS, Recording
 from ..recordings.recording_set import RecordingSet
 from .primitive import primitive_figure
@@ -110,8 +109,9 @@ def recording_figure(figure: Figure, report: Recording, prismatic: Collection[st
     prismatic : collection of str
         Joints that are measured in metres.
     """
-    pieces, thresholds = smoothed(report)
-    times, positions, speed = overview(pieces)
+    assert report.overview is not None
+    assert report.thresholds is not None
+    times, positions, speed = report.overview
     joints = [palette_line(name, i, 1.4) for i, name in enumerate(report.joint_names)]
     unit = unit_of(report.joint_names, prismatic)
     figure.set_size_inches(12.0, 3.6)
@@ -120,14 +120,14 @@ def recording_figure(figure: Figure, report: Recording, prismatic: Collection[st
     for values, style in zip(positions.T, joints, strict=True):
         above.plot(times, unit.factor * values, **style)
     below.plot(times, unit.factor * speed, color=BLACK, linewidth=1.4)
-    for threshold in (thresholds.rest, thresholds.moving):
+    for threshold in (report.thresholds.rest, report.thresholds.moving):
         below.axhline(unit.factor * threshold, color=GREY, linestyle="--", linewidth=1.0)
-    at_rest = speed <= thresholds.rest
+    at_rest = speed <= report.thresholds.rest
     for axes in (above, below):
         whole: Line = {"transform": axes.get_xaxis_transform(), "linewidth": 0}
         axes.fill_between(times, 0.0, 1.0, where=at_rest, color=LINES["rest"]["color"], **whole)
         for motion in report.motions:
-            span = motion.start, motion.end
+            span = motion.start_time, motion.end_time
             axes.axvspan(*span, color=LINES["motion"]["color"], alpha=0.6, linewidth=0)
             for cut in span:
                 axes.axvline(cut, color=COLOURS[0], linewidth=1.0)

@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 
@@ -16,7 +16,7 @@ FINGERPRINT_SIZE = 32
 """Largest number of hashes of a fingerprint."""
 
 # Samples of a fingerprint are in steps of this [rad or m], less than noise and more than errors of
-# other formats, and in runs of so many.
+# other formats, and in runs of three, so that a joint moves twice.
 _QUANTUM = 1e-4
 _RUN = 3
 # Fewer common hashes of fingerprints are no evidence.
@@ -39,35 +39,20 @@ def fingerprint(positions: FloatArray, joint_names: Sequence[str]) -> tuple[int,
         Names of the joints; their order does not matter.
     """
     order = np.argsort(np.array(joint_names, dtype=object), kind="stable")
-    steps = np.rint(positions[:, order] / _QUANTUM).astype(np.int64).view(np.uint64)
-    factors = np.random.default_rng(1).integers(1 << 62, size=len(order), dtype=np.uint64) * 2 + 1
-    rows = _mixed((steps * factors.astype(np.uint64)).sum(axis=1, dtype=np.uint64))
-    moves = rows[1:] != rows[:-1]
-    n = rows.size - _RUN + 1
-    if n < 1:
-        return ()
-    runs, moving = np.zeros(n, dtype=np.uint64), np.ones(n, dtype=bool)
-    for k in range(_RUN):
-        runs = _mixed(runs ^ rows[k : k + n])
-        if k:
-            moving &= moves[k - 1 : k - 1 + n]
-    return tuple(np.unique(runs[moving] >> np.uint64(1))[:FINGERPRINT_SIZE].tolist())
+    rows = np.rint(positions[:, order] / _QUANTUM).astype(np.int64)
+    moves = (rows[1:] != rows[:-1]).any(axis=1)
+    firsts = np.flatnonzero(moves[:-1] & moves[1:])
+    runs = {crc32(rows[first : first + _RUN].tobytes()) for first in firsts.tolist()}
+    return tuple(sorted(runs)[:FINGERPRINT_SIZE])
 
 
-def _mixed(values: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Values whose bits are spread evenly, by the finaliser of SplitMix64."""
-    values = (values ^ (values >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    values = (values ^ (values >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return np.asarray(values ^ (values >> np.uint64(31)))
-
-
-def parts_of_others(fingerprints: Mapping[int, Sequence[int]]) -> list[tuple[int, int, bool]]:
+def parts_of_others(fingerprints: Sequence[Sequence[int]]) -> list[tuple[int, int, bool]]:
     """Recordings whose samples another one has, too.
 
     Parameters
     ----------
     fingerprints :
-        By the index of the recording, increasing.
+        Of each recording.
 
     Returns
     -------
@@ -75,7 +60,7 @@ def parts_of_others(fingerprints: Mapping[int, Sequence[int]]) -> list[tuple[int
         For each, its index, that of the other one, and whether it is only a part of that.
     """
     owners = defaultdict[int, list[int]](list)
-    for index, hashes in fingerprints.items():
+    for index, hashes in enumerate(fingerprints):
         for value in hashes:
             owners[value].append(index)
     # Of many copies, each is compared with the first ones.

@@ -11,23 +11,23 @@ import csv
 import io
 import math
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from math import ceil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..arrays import FloatArray
-from ..exceptions import RecordingError, quote_names, unknown_name
+from ..exceptions import RecordingError, listed, quote_names, unknown_name
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from .demonstration import Demonstration
-from .recording import Recording, Samples, Segment
+from .options import MIN_REST, LoadOptions
+from .recording import Recording
 from .segmentation import (
     MIN_EXTENT,
     MOVING_RATIO,
-    SegmentationOptions,
     SmoothPiece,
     SpeedThresholds,
     extent,
@@ -41,6 +41,26 @@ from .segmentation import (
 
 # A motion covers more than this share of the extent of the recording's largest.
 _EXTENT_RATIO = 0.1
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A row of a table of segments.
+
+    Attributes
+    ----------
+    start, end : float
+        Times since the recording's first message [s].
+    label : str
+        Its label ('' if there is none).
+    where : str
+        File and line, for messages.
+    """
+
+    start: float
+    end: float
+    label: str
+    where: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,28 +78,67 @@ class Cut:
         return extent(self.piece.positions[self.first : self.last + 1])
 
     @property
-    def is_cut_off(self) -> bool:
-        """Whether the piece begins or ends within the motion."""
-        return self.begins_cut_off or self.ends_cut_off
-
-    @property
-    def begins_cut_off(self) -> bool:
-        """Whether the piece begins within the motion."""
-        return self.first == 0 and self._moves_at(self.first)
-
-    @property
-    def ends_cut_off(self) -> bool:
-        """Whether the piece ends within the motion."""
-        return self.last == self.piece.times.size - 1 and self._moves_at(self.last)
-
-    def _moves_at(self, step: int) -> bool:
+    def is_cut_off(self) -> tuple[bool, bool]:
+        """Whether the piece begins, and whether it ends, within the motion."""
         speed = joint_speed(self.piece.velocities[self.first : self.last + 1])
-        return bool(speed[step - self.first] > MOVING_RATIO * speed.max())
+        begins, ends = (speed[[0, -1]] > MOVING_RATIO * speed.max()).tolist()
+        return self.first == 0 and begins, self.last == self.piece.times.size - 1 and ends
 
     def demonstration(self, joint_names: tuple[str, ...], **about: Any) -> Demonstration:
         """The motion as a demonstration, see :meth:`.Demonstration.of_piece`."""
         span = self.piece, self.first, self.last
         return Demonstration.of_piece(joint_names, *span, label=self.label, **about)
+
+
+def cut_recording(
+    recording: Recording, rows: Sequence[Segment] | None, options: LoadOptions
+) -> Recording:
+    """Cut a recording into motions; the result has these in place of the samples.
+
+    Parameters
+    ----------
+    recording :
+        The repaired recording.
+    rows :
+        The motions of a table of segments, if there is one.
+    options :
+        How it is cut otherwise.
+
+    Raises
+    ------
+    RecordingError
+        If it holds no whole motion.
+    """
+    pieces, thresholds = smoothed(recording)
+    if rows is None:
+        cuts, recording = cut_motions(recording, pieces, thresholds, options)
+        if not recording.episodes:
+            cuts, n_lost = _without_cut_off(cuts, pieces, thresholds, options)
+            recording = recording.noted(cut_off=n_lost)
+        elif still := [x for x in pieces if all(cut.piece is not x for cut in cuts)]:
+            names = listed([str(recording.episode_at(x.times[0])) for x in still])
+            recording = recording.noted(f"episodes without motion: {names}")
+    else:
+        cuts = [_cut_row(pieces, row) for row in rows]
+    if not cuts:
+        raise RecordingError("no motion was found in it")
+    motions = tuple(
+        x.demonstration(
+            recording.joint_names,
+            recording=recording.name,
+            checksum=recording.checksum,
+            episode=recording.episode_at(x.piece.times[0]),
+        )
+        for x in cuts
+    )
+    return replace(
+        recording,
+        pieces=(),
+        notes=recording.all_notes,
+        motions=motions,
+        thresholds=thresholds,
+        overview=_overview(pieces),
+    )
 
 
 def smoothed(recording: Recording) -> tuple[list[SmoothPiece], SpeedThresholds]:
@@ -93,12 +152,9 @@ def cut_motions(
     recording: Recording,
     pieces: Sequence[SmoothPiece],
     thresholds: SpeedThresholds,
-    options: SegmentationOptions,
-    least_of_set: float = 0.0,
-    *,
-    is_whole: bool = False,
-) -> tuple[list[Cut], tuple[str, ...], dict[str, int]]:
-    """Cut a recording into its motions.
+    options: LoadOptions,
+) -> tuple[list[Cut], Recording]:
+    """Cut a recording into its motions, also those that lack their start or end.
 
     Parameters
     ----------
@@ -107,46 +163,59 @@ def cut_motions(
     pieces, thresholds :
         Its smoothed pieces, and the speeds of its rests and motions, see :func:`smoothed`.
     options :
-        Shortest rest and motion.
-    least_of_set :
-        Smallest extent of a motion by those of all recordings [rad or m].
-    is_whole :
-        Whether each piece is one motion, without the stillness at both ends.
+        Of these `segment`, `cut` and `min_rest`.
 
     Returns
     -------
     cuts : list of Cut
         The motions.
-    notes : tuple of str
-        What is left out, and where hesitations cut.
-    counts : dict
-        How many movements are rest.
+    recording : Recording
+        With notes on what is left out.
 
     Raises
     ------
     RecordingError
         If all movements are within the extent of noise and sway.
     """
-    notes: tuple[str, ...] = ()
-    if is_whole:
+    if _is_whole(recording, options):
         spans = [(piece, trim(piece, thresholds)) for piece in pieces]
         large = [Cut(piece, *span) for piece, span in spans if span is not None]
-        notes = _rests_at_ends(large)
+        recording = recording.noted(*_rests_at_ends(large))
     else:
+        valleys = (options.cut or ("rests" if recording.episodes else "valleys")) == "valleys"
+        min_rest = options.min_rest or MIN_REST
         every = [
             Cut(piece, *span)
             for piece in pieces
-            for span in find_motions(piece, thresholds, options)
+            for span in find_motions(piece, thresholds, min_rest, valleys=valleys)
         ]
         largest = max((cut.extent for cut in every), default=0.0)
         large = [cut for cut in every if cut.extent > _EXTENT_RATIO * largest]
-        if len(large) < len(every):
-            notes = (
-                f"{len(every) - len(large)} motions over less than {_EXTENT_RATIO:.0%} of the "
-                "extent of the largest are left out",
+        if n_small := len(every) - len(large):
+            recording = recording.noted(
+                f"{n_small} motions over less than {_EXTENT_RATIO:.0%} of the extent of the "
+                "largest are left out"
             )
-    moved = _without_rest(large, recording.pieces, least_of_set)
-    return moved, (*notes, *_hesitations(moved)), {"rest": len(large) - len(moved)}
+    least = least_extent(recording.pieces)
+    moved = [cut for cut in large if cut.extent > least]
+    if large and not moved:
+        why = "as an arm that is held still sways" if least <= MIN_EXTENT else "by its noise"
+        raise no_motion([cut.extent for cut in large], least, why)
+    return moved, recording.noted(rest=len(large) - len(moved))
+
+
+def no_motion(extents: Sequence[float], least: float, why: str) -> RecordingError:
+    """The error for a recording whose movements [rad or m] all count as rest."""
+    return RecordingError(
+        f"it holds no motion: its joints move over {max(extents):.2g} rad (or m) at most, and up "
+        f"to {least:.2g} counts as rest, {why}; give a table of segments if these movements are "
+        "motions"
+    )
+
+
+def _is_whole(recording: Recording, options: LoadOptions) -> bool:
+    """Whether each piece is one motion, without the stillness at both ends."""
+    return options.segment == "none" or (bool(recording.episodes) and not options.cuts)
 
 
 def _rests_at_ends(cuts: Sequence[Cut]) -> tuple[str, ...]:
@@ -160,72 +229,50 @@ def _rests_at_ends(cuts: Sequence[Cut]) -> tuple[str, ...]:
     return (f"rests cut at the ends of {n} of {len(cuts)} motions: {max(rests):.2g} s at most",)
 
 
-def _hesitations(cuts: Sequence[Cut]) -> tuple[str, ...]:
-    """A note on the cuts between motions without a rest between them."""
-    pairs = [(a, b) for a, b in pairwise(cuts) if a.piece is b.piece and a.last == b.first]
-    if not pairs:
-        return ()
-    shortest = min((one.last - one.first) / one.piece.rate for pair in pairs for one in pair)
-    return (
-        f"{len(pairs)} cuts at hesitations, where the speed has a valley (shortest motion beside "
-        f"them {shortest:.2g} s): to cut at rests alone, pass --cut rests",
-    )
-
-
-def without_cut_off(
-    cuts: Sequence[Cut], pieces: Sequence[SmoothPiece], *, whole: bool
-) -> list[Cut]:
-    """Leave out motions that lack their start or their end.
-
-    Parameters
-    ----------
-    cuts :
-        The motions of a recording.
-    pieces :
-        Its pieces.
-    whole :
-        Whether each piece is one motion. It begins and ends with the recording then, at any speed,
-        and only gaps and jumps cut it off.
+def _without_cut_off(
+    cuts: Sequence[Cut],
+    pieces: Sequence[SmoothPiece],
+    thresholds: SpeedThresholds,
+    options: LoadOptions,
+) -> tuple[list[Cut], int]:
+    """The motions that have their start and end, and the number of those that lack one.
 
     Raises
     ------
     RecordingError
         If none is left.
     """
-    # Of a recording without gaps that is one motion from its first to its last sample, both ends
-    # are those of the motion.
-    spans = [(cut.first, cut.last) for cut in cuts if len(pieces) == 1]
-    whole = whole or spans == [(0, pieces[0].times.size - 1)]
+    # A recording that is not to be cut, or that is one motion from its first to its last sample,
+    # begins and ends with the motion, at any speed. Only gaps and jumps cut it off.
+    is_one = len(pieces) == 1 and [(x.first, x.last) for x in cuts] == [
+        (0, pieces[0].times.size - 1)
+    ]
+    whole = is_one or options.segment == "none"
     kept = []
-    for cut in cuts:
-        at_start = whole and cut.piece is pieces[0]
-        at_end = whole and cut.piece is pieces[-1]
-        is_torn = cut.begins_cut_off and not at_start
-        if not is_torn and (at_end or not cut.ends_cut_off):
-            kept.append(cut)
+    for x in cuts:
+        begins, ends = x.is_cut_off
+        begins = begins and not (whole and x.piece is pieces[0])
+        ends = ends and not (whole and x.piece is pieces[-1])
+        if not begins and not ends:
+            kept.append(x)
     if cuts and not kept:
         raise RecordingError(
             f"an end of the recording, a gap or a jump cuts off each of its motions ({len(cuts)}): "
             "record from rest to rest; if the recording is one motion without rests, pass "
             "--segment none (segment='none' in Python)"
         )
-    return kept
+    n_lost = len(cuts) - len(kept)
+    if options.segment != "none":
+        # Of some, too little is left at the end of a piece to be one of the cuts.
+        known = {(id(x.piece), step) for x in cuts for step in (x.first, x.last)}
+        for piece in pieces:
+            speed = joint_speed(piece.velocities)
+            ends_of_piece = [step for step in (0, speed.size - 1) if (id(piece), step) not in known]
+            n_lost += int((speed[ends_of_piece] > thresholds.moving).sum())
+    return kept, n_lost
 
 
-def count_short_halves(
-    pieces: Sequence[SmoothPiece], thresholds: SpeedThresholds, cuts: Sequence[Cut]
-) -> int:
-    """Number of motions at ends of pieces of which too little is left to be one of the cuts."""
-    ends = {(id(cut.piece), step) for cut in cuts for step in (cut.first, cut.last)}
-    n = 0
-    for piece in pieces:
-        speed = joint_speed(piece.velocities)
-        for step in (0, speed.size - 1):
-            n += bool(speed[step] > thresholds.moving and (id(piece), step) not in ends)
-    return n
-
-
-def cut_row(pieces: Sequence[SmoothPiece], row: Segment) -> Cut:
+def _cut_row(pieces: Sequence[SmoothPiece], row: Segment) -> Cut:
     """Cut the motion of a row of a table of segments.
 
     Raises
@@ -247,42 +294,18 @@ def cut_row(pieces: Sequence[SmoothPiece], row: Segment) -> Cut:
     )
 
 
-def _without_rest(cuts: Sequence[Cut], pieces: Sequence[Samples], least_of_set: float) -> list[Cut]:
-    """Leave out movements within the extent of noise and sway, or small beside the set's motions.
-
-    Raises
-    ------
-    RecordingError
-        If none is left.
-    """
-    least = max(least_extent(pieces), least_of_set)
-    kept = [cut for cut in cuts if cut.extent > least]
-    if cuts and not kept:
-        if least == least_of_set:
-            why = "by the extent of the other recordings' motions"
-        else:
-            sways = least <= MIN_EXTENT
-            why = "as an arm that is held still sways" if sways else "by its noise"
-        raise RecordingError(
-            f"it holds no motion: its joints move over {max(cut.extent for cut in cuts):.2g} rad "
-            f"(or m) at most, and up to {least:.2g} counts as rest, {why}; give a table of "
-            "segments if these movements are motions"
-        )
-    return kept
-
-
-Overview = tuple[FloatArray, FloatArray, FloatArray]
+Overview = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 """A whole recording in few samples, for a figure.
 
 Its times since the first message [s], shape (n_samples,), NaN between the pieces; its joint
 positions [rad or m], shape (n_samples, n_joints); the highest norm of the joint velocities up to
-the next sample [rad/s or m/s], shape (n_samples,).
+the next sample [rad/s or m/s], shape (n_samples,). All in single precision.
 """
 
 
-def overview(pieces: Sequence[SmoothPiece]) -> Overview:
-    """About 1000 samples of a recording, the resolution of a figure, see `Overview`."""
-    k = max(1, sum(piece.times.size for piece in pieces) // 1000)
+def _overview(pieces: Sequence[SmoothPiece]) -> Overview:
+    """At most 1000 samples of a long recording, the resolution of a figure, see `Overview`."""
+    k = ceil(sum(piece.times.size for piece in pieces) / 1000)
     parts = []
     for piece in pieces:
         chosen = np.arange(0, piece.times.size, k)
@@ -290,7 +313,7 @@ def overview(pieces: Sequence[SmoothPiece]) -> Overview:
         columns = (piece.times[chosen], piece.positions[chosen], speed)
         parts.append(np.column_stack(columns))
         parts.append(np.full((1, parts[0].shape[1]), np.nan))
-    table = np.concatenate(parts)
+    table = np.concatenate(parts).astype(np.float32)
     return table[:, 0], table[:, 1:-1], table[:, -1]
 
 
@@ -349,7 +372,7 @@ def _segment(row: dict[str, str], where: str) -> Segment:
             f"{where}: {quote_names(COLUMNS[1:])} must be numbers of seconds, the second one "
             f"larger, from 0 to {latest:g}, got {quote_names(texts)}"
         )
-    return Segment(start, end, row.get("label") or "", where=where)
+    return Segment(start, end, row.get("label") or "", where)
 
 
 def segments_table(motions: Iterable[tuple[str, float, float, str]]) -> bytes:

@@ -2,24 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Loading of recordings as demonstrations; unusable recordings are rejected with a reason.
 
-Each recording is read, repaired and cut alone. Then they are compared: their joints, copies and
-extents; some are cut again by what the others show.
+Each recording is read and repaired alone. Then they are compared, as copies and by their joints,
+and each is cut alone. Last, motions that are small beside those of all others are dropped.
 """
 
 from __future__ import annotations
 
-import re
 import warnings
-from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, fields, replace
-from itertools import accumulate
-from operator import itemgetter
+from dataclasses import fields, replace
+from itertools import accumulate, compress
 from pathlib import Path
 from types import NoneType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,47 +26,26 @@ from ..exceptions import (
     RecordingError,
     RobotError,
     UnusableRecordingError,
-    listed,
     quote_names,
     unknown_name,
 )
-from ..lazy import LazyModule
 from ..robot.model import Robot
-from . import bags, cutting
-from .continuity import units_advice
+from . import bags, checks
 from .copies import parts_of_others
+from .cutting import Segment, cut_recording, no_motion, read_segments
 from .demonstration import Demonstration
-from .joint_states import Names
+from .joints_of_set import joints_of_set, notes_on_left_out
 from .options import LoadOptions
 from .reading import read_recording, scale_of_calibration
-from .recording import MarkerResidual, Recording, Segment
-from .recording_set import ABSURD, RecordingSet, Refusal
-from .repair import repair
-from .segmentation import ABSURD_EXTENT, extent, least_extent_of_set
+from .recording import Recording, Refusal
+from .recording_set import RecordingSet
+from .segmentation import extent, least_extent_of_set
 from .workers import dask_cluster, process_pool
-
-hierarchy = LazyModule("scipy.cluster.hierarchy")
 
 MAX_CHUNK, N_CHUNKS = 16, 64
 """Recordings that are sent to a process together, at most; and so many times they are sent."""
 
-# Distance beyond a limit that is no reason for a note, as of soft limits and noise, and one for
-# which a recording is rejected: half a turn is beyond any calibration [rad or m].
-_LIMIT_TOLERANCE = 0.0175
-_ABSURD_EXCESS = 3.14
-
-_GRIPPER = re.compile("gripper|finger|knuckle", re.IGNORECASE)
-# Steps in which movements of a gripper and of the arm are compared [s]; speed of a moving arm by
-# its greatest; share of its path by which a gripper moves with the arm.
-_STEP, _ARM_MOVES, _WITH_ARM = 0.2, 0.1, 0.2
-
-
-# Fewest motions that are looked at for kinds; most kinds; how many times farther kinds are from
-# each other than the parts of one.
-_LEAST_OF_KINDS, _MOST_KINDS, _APART = 8, 6, 2.5
-# Share of its extent by which a motion that returns ends beside its start; share of such motions.
-_RETURNS, _ARE_MOST = 0.1, 0.9
-_MOST_COMPARED = 5000  # of 20,000, the distances of all pairs take 1.6 GB
+Found = Recording | Refusal
 
 _OPTIONS = [item.name for item in fields(LoadOptions)]
 _OPTIONS += ["jobs", "dask", "executor", "progress", "continuous"]
@@ -113,6 +89,8 @@ def load_demonstrations(
             The episodes of a LeRobot dataset, or of a CSV file with a column of episodes.
         segment : {'auto', 'none'}
             Whether recordings are cut at rests ('auto'), or each is one motion ('none').
+        cut : {'valleys', 'rests'}
+            Whether they are cut at valleys of the speed, too. Given, it cuts episodes as well.
         segments_csv : path
             A table of motions cut by hand.
         max_gap : float
@@ -224,409 +202,209 @@ def load_recordings(
     found = bags.find_recordings(several)
     if dask is not None or executor is not None:  # its workers have other working directories
         found = tuple(path.absolute() for path in found)
-    tasks = _tasks(found, settings)
+    names = bags.recording_names(found)
+    rows: list[list[Segment] | None] = [None] * len(names)
+    if settings.segments_csv is not None:
+        by_hand = read_segments(settings.segments_csv, names)
+        rows = [by_hand.get(name, []) for name in names]
+    tasks = {
+        name: ReadTask(path, name, own, settings)
+        for path, name, own in zip(found, names, rows, strict=True)
+    }
     workers: AbstractContextManager[Executor | None] = nullcontext(executor)
     if dask is not None:
         workers = dask_cluster(dask)
     elif executor is None and jobs > 1 and len(tasks) > 1:
         workers = process_pool(min(jobs, len(tasks)))
     with workers as pool:
-        loaded = _without_copies(_load_all(tasks, pool, progress))
-        decided = _with_joints_of_set(loaded, settings, same_joints=same_joints)
-        again = iter(_load_all([x for x in decided if isinstance(x, LoadTask)], pool, None))
-    loaded = [next(again) if isinstance(x, LoadTask) else x for x in decided]
-    whole = RecordingSet.joined([one.result for one in _with_extent_of_set(loaded)])
+        loaded = _read_all(tasks, pool, progress)
+        if settings.segments_csv is None:  # else a person chose the motions
+            loaded = _without_copies(loaded)
+        loaded = _with_joints_of_set(loaded, tasks, pool, same_joints=same_joints)
+        cuts = [(one, tasks[name]) for name, one in _used(loaded).items()]
+        loaded |= zip(_used(loaded), _each(cut_one, cuts, pool), strict=True)
     for name in continuous:
-        whole = on_one_turn(whole, name)
-    notes = list(whole.notes)
+        loaded = _on_one_turn(loaded, name)
+    notes = list[str]()
     if left := bags.files_left_out(several, found):
-        names = quote_names(str(path) for path in left)
-        notes.append(f"files left out, as they are not recordings: {names}")
+        text = quote_names(str(path) for path in left)
+        notes.append(f"files left out, as they are not recordings: {text}")
     if settings.segments_csv is None:
-        notes += [*_kinds(whole.demonstrations), *_returns(whole.demonstrations)]
-    return replace(whole, notes=tuple(notes))
+        loaded = _without_small(loaded)
+        motions = _motions(loaded)
+        notes += [*checks.kinds(motions), *checks.returns(motions)]
+    refused = tuple(one for one in loaded.values() if isinstance(one, Refusal))
+    return RecordingSet(tuple(_used(loaded).values()), refused, tuple(notes))
 
 
-@dataclass(frozen=True, slots=True)
-class LoadTask:
-    """A recording to load; its motions, if cut by hand; notes on it."""
+class ReadTask(NamedTuple):
+    """A recording to read: its path, its name, its motions if cut by hand, the options."""
 
     path: Path
     name: str
-    segments: tuple[Segment, ...] | None
+    rows: Sequence[Segment] | None
     options: LoadOptions
-    notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Loaded:
-    """The repaired samples of a recording, and its motions; or why there are none."""
-
-    task: LoadTask
-    recording: Recording | None
-    result: RecordingSet
-
-    @classmethod
-    def refused(cls, task: LoadTask, reason: str, joints: Sequence[str] = ()) -> Loaded:
-        """The result of a recording that can't be used."""
-        refusal = Refusal(task.name, reason, tuple(joints))
-        return cls(task, None, RecordingSet(refused=(refusal,)))
+Loaded = dict[str, Recording | Refusal]
+"""The recordings of a set by their names, in order."""
 
 
-def _tasks(found: Sequence[Path], options: LoadOptions) -> list[LoadTask]:
-    names = bags.recording_names(found)
-    table = options.segments_csv
-    by_hand = None if table is None else cutting.read_segments(table, names)
-    rows = (None if by_hand is None else tuple(by_hand.get(name, ())) for name in names)
-    return [LoadTask(*own, options) for own in zip(found, names, rows, strict=True)]
+def _used(loaded: Loaded) -> dict[str, Recording]:
+    return {name: one for name, one in loaded.items() if isinstance(one, Recording)}
 
 
-def _load_all(
-    tasks: Sequence[LoadTask],
-    pool: Executor | None,
-    progress: Callable[[int, int], None] | None,
-) -> list[Loaded]:
-    """Load recordings, by the workers of a pool if there is one."""
-    sizes = [bags.stored_size(task.path) if progress else 0 for task in tasks]
-    ready: Iterable[Loaded] = map(load_one, tasks)
-    if pool is not None:
-        ready = pool.map(load_one, tasks, chunksize=min(MAX_CHUNK, 1 + len(tasks) // N_CHUNKS))
-    loaded: list[Loaded] = []
+def _motions(loaded: Loaded) -> list[Demonstration]:
+    return [motion for one in _used(loaded).values() for motion in one.motions]
+
+
+def _each(
+    function: Callable[[Any], Recording | Refusal], tasks: Sequence[Any], pool: Executor | None
+) -> Iterator[Recording | Refusal]:
+    """The results of a function of each task in order, by the workers of a pool if there is one.
+
+    Raises
+    ------
+    RecordingError
+        If a worker dies.
+    """
+    if pool is None:
+        yield from map(function, tasks)
+        return
     try:
-        for done, one in zip(accumulate(sizes), ready, strict=True):
-            loaded.append(one)
-            if progress is not None:
-                progress(done, sum(sizes))
+        yield from pool.map(function, tasks, chunksize=min(MAX_CHUNK, 1 + len(tasks) // N_CHUNKS))
     except BrokenExecutor:
         raise RecordingError(
             "a process that reads recordings died: it was killed, or memory ran out; use fewer "
             "--jobs (jobs in Python)"
         ) from None
+
+
+def _read_all(
+    tasks: dict[str, ReadTask],
+    pool: Executor | None,
+    progress: Callable[[int, int], None] | None,
+) -> Loaded:
+    """Read and repair all recordings."""
+    sizes = [bags.stored_size(task.path) if progress else 0 for task in tasks.values()]
+    read = _each(read_one, [*tasks.values()], pool)
+    loaded: Loaded = {}
+    for name, done, one in zip(tasks, accumulate(sizes), read, strict=True):
+        loaded[name] = one
+        if progress is not None:
+            progress(done, sum(sizes))
     return loaded
 
 
-def load_one(task: LoadTask) -> Loaded:
-    """Read, repair and cut one recording, in this process or another one."""
-    options, residuals = task.options, dict[str, MarkerResidual]()
+def read_one(task: ReadTask) -> Recording | Refusal:
+    """Read and repair one recording, in this process or another one."""
+    path, name, rows, options = task
+    if rows == []:
+        return Refusal(name, "the table of segments lists no motion of it")
     try:
-        if task.segments == ():
-            raise RecordingError("the table of segments lists no motion of it")
-        if options.markers is None:
-            recording = read_recording(task.path, options)
-        else:
-            states, residuals = options.markers.joint_states(task.path, salvage=options.salvage)
-            recording = repair(states, None, options.max_gap)
+        return replace(
+            read_recording(path, options),
+            name=name,
+            path=str(path),
+            format=bags.recording_format(path),
+            checksum=bags.checksum(path),
+        )
+    except UnusableRecordingError as error:
+        return Refusal(name, str(error), error.findings["listed_joints"])
     except RecordingError as error:
-        facts = error.findings if isinstance(error, UnusableRecordingError) else {}
-        return Loaded.refused(task, str(error), facts.get("listed_joints", ()))
-    checksum = bags.checksum(task.path)
-    noted = recording.noted(*task.notes)
-    return cut_one(task, replace(noted, marker_residuals=residuals, checksum=checksum))
+        return Refusal(name, str(error))
 
 
-def cut_one(task: LoadTask, recording: Recording, least_extent: float = 0.0) -> Loaded:
-    """Cut one recording into its motions.
-
-    Parameters
-    ----------
-    task :
-        What is loaded.
-    recording :
-        Its repaired samples.
-    least_extent :
-        Smallest extent of a motion by those of all recordings [rad or m].
-    """
-    try:
-        return Loaded(task, recording, _motions_of(task, recording, least_extent))
-    except RecordingError as error:
-        return Loaded.refused(task, str(error))
-
-
-def _motions_of(task: LoadTask, recording: Recording, least_extent: float) -> RecordingSet:
-    """The motions of a recording, and the report on it.
-
-    Raises
-    ------
-    RecordingError
-        If it holds no motion, or motions absurdly far beyond the limits of the robot.
-    """
-    options = task.options
-    pieces, thresholds = cutting.smoothed(recording)
-    if task.segments is not None:
-        cuts = [cutting.cut_row(pieces, row) for row in task.segments]
-    else:
-        is_episode = bool(recording.episodes) and options.segmentation.cut != "rests"
-        is_whole = is_episode or options.segment == "none"
-        cuts, notes, counts = cutting.cut_motions(
-            recording, pieces, thresholds, options.segmentation, least_extent, is_whole=is_whole
-        )
-        if not recording.episodes:
-            whole = cutting.without_cut_off(cuts, pieces, whole=is_whole)
-            n_short = 0 if is_whole else cutting.count_short_halves(pieces, thresholds, cuts)
-            counts["cut_off"] = len(cuts) - len(whole) + n_short
-            cuts = whole
-        recording = recording.noted(*notes, repairs=counts)
-        if recording.episodes:
-            moving = {id(cut.piece) for cut in cuts}
-            still = [x.times[0] for x in pieces if id(x) not in moving]
-            names = listed([str(recording.episode_at(time + 1e-6)) for time in still])
-            notes = (f"episodes without motion: {names}",) if still else ()
-            recording = recording.noted(*notes)
-    if not cuts:
-        raise RecordingError("no motion was found in it")
-    motions = tuple(
-        cut.demonstration(
-            recording.joint_names,
-            recording=task.name,
-            checksum=recording.checksum,
-            episode=recording.episode_at(cut.piece.times[0] + 1e-6),
-        )
-        for cut in cuts
-    )
-    report = replace(
-        recording,
-        name=task.name,
-        path=str(task.path),
-        format=bags.recording_format(task.path),
-        motions=tuple(
-            Segment(x.start_time, x.end_time, x.label, extent(x.positions)) for x in motions
-        ),
-        thresholds=thresholds,
-        notes=(*recording.all_notes, *_absurd(motions, options), *_beyond_limits(motions, options)),
-    )
-    return RecordingSet(motions, (report,))
-
-
-def _absurd(motions: Sequence[Demonstration], options: LoadOptions) -> tuple[str, ...]:
-    """A note if a joint moves absurdly far."""
-    ranges = np.max([np.ptp(motion.positions, axis=0) for motion in motions], axis=0)
-    if ranges.max() <= ABSURD_EXTENT:
-        return ()
-    name = motions[0].joint_names[ranges.argmax()]
-    advice = units_advice(float(ranges.max()), were_degrees=options.degrees)
-    return (f"joint '{name}' moves over {ranges.max():.3g} {ABSURD}: {advice}",)
-
-
-def _beyond_limits(motions: Sequence[Demonstration], options: LoadOptions) -> tuple[str, ...]:
-    """A note if motions are beyond the limits of the robot.
-
-    Raises
-    ------
-    RecordingError
-        If they are absurdly far beyond.
-    """
-    beyond: list[tuple[float, float, str]] = []
-    for motion in motions:
-        for name, q in zip(motion.joint_names, motion.positions.T.tolist(), strict=True):
-            low, high = options.position_limits.get(name, (-np.inf, np.inf))
-            beyond += [(low - min(q), min(q), name), (max(q) - high, max(q), name)]
-    excess, position, name = max(beyond, default=(0.0, 0.0, ""))
-    if excess <= _LIMIT_TOLERANCE:
-        return ()
-    text = (
-        f"joint '{name}' is at {position:.3g} rad (or m), {excess:.3g} beyond its limit in the "
-        "robot description"
-    )
-    if excess > _ABSURD_EXCESS:
-        raise RecordingError(
-            f"{text}: positions must be in radians (or m), not in degrees (or mm), and of this "
-            "robot"
-        )
-    return (f"{text}: check that it is of this robot, and its zero position",)
-
-
-def _without_copies(loaded: Sequence[Loaded]) -> list[Loaded]:
-    """Reject recordings whose samples are those of another one, or a part of them.
-
-    Of a recording with a table of segments, the motions are those that a person chose.
-    """
-    result = list(loaded)
-    fingerprints = {
-        index: one.recording.fingerprint
-        for index, one in enumerate(loaded)
-        if one.recording is not None and one.task.segments is None
-    }
-    for part, whole, is_part in parts_of_others(fingerprints):
+def _without_copies(loaded: Loaded) -> Loaded:
+    """Reject recordings whose samples are those of another one, or a part of them."""
+    names, used = list(_used(loaded)), _used(loaded).values()
+    copies: Loaded = {}
+    for part, whole, is_part in parts_of_others([one.fingerprint for one in used]):
         what = "a part of another recording" if is_part else "a copy"
-        name = loaded[whole].task.name
-        reason = f"it is {what}: its samples are also in '{name}', which is used"
-        result[part] = Loaded.refused(loaded[part].task, reason)
-    return result
+        reason = f"it is {what}: its samples are also in '{names[whole]}', which is used"
+        copies[names[part]] = Refusal(names[part], reason)
+    return loaded | copies
 
 
 def _with_joints_of_set(
-    loaded: Sequence[Loaded], options: LoadOptions, *, same_joints: bool
-) -> list[Loaded | LoadTask]:
-    """Recordings with the joints of the set in its order, and tasks for those to read again.
+    loaded: Loaded, tasks: dict[str, ReadTask], pool: Executor | None, *, same_joints: bool
+) -> Loaded:
+    """Recordings with the joints of the set, in its order; those without them are rejected.
 
-    On request, recordings of other joints are rejected. A recording is read again if its other
-    joints move: their defects must not cut it.
+    A recording is read again if its other joints move: their defects must not cut it.
     """
-    recordings = [one.recording for one in loaded if one.recording is not None]
-    reasons = _reasons_to_leave_out(recordings, options)
-    orders: dict[frozenset[str], Names] = {}
-    counts = Counter[Names]()
-    for used in recordings:
-        joints = tuple(name for name in used.joint_names if name not in reasons)
-        counts[orders.setdefault(frozenset(joints), joints)] += 1
-    common, n_common = max(counts.items(), key=itemgetter(1), default=((), 0))
-    is_one_set = same_joints and 2 * n_common > counts.total()
-    decided: list[Loaded | LoadTask] = []
-    for one in loaded:
-        task, recording = one.task, one.recording
-        if recording is None:
-            own = next((refusal.joint_names for refusal in one.result.refused), ())
-            joints = common
-            is_read_again = is_one_set and options.joints is None and set(own) >= set(joints)
-        else:
-            own = recording.joint_names
-            joints = common
-            if not is_one_set:
-                joints = orders[frozenset(name for name in own if name not in reasons)]
-            is_read_again = not set(own) - set(joints) <= set(recording.still_joints)
-        notes = _left_out([name for name in own if name not in joints], reasons)
-        if recording is not None and not set(own) >= set(joints):
+    options = next(iter(tasks.values())).options
+    chosen, reasons = joints_of_set(loaded, options, same_joints=same_joints)
+    result, again = dict(loaded), list[ReadTask]()
+    for name, joints in chosen.items():
+        one, task = loaded[name], tasks[name]
+        others = {*one.joint_names} - {*joints}
+        if not {*one.joint_names} >= {*joints}:
             reason = (
-                f"its joints, {quote_names(own)}, are not those of most recordings, "
-                f"{quote_names(common)}: choose joints that all have, or use it separately"
+                f"its joints, {quote_names(one.joint_names)}, are not those of most recordings, "
+                f"{quote_names(joints)}: choose joints that all have, or use it separately"
             )
-            decided.append(Loaded.refused(task, reason))
-        elif is_read_again:
-            decided.append(replace(task, options=replace(options, joints=joints), notes=notes))
-        elif recording is None or joints == own:
-            decided.append(one)
+            result[name] = Refusal(name, reason)
+        elif isinstance(one, Recording) and others <= {*one.still_joints}:
+            result[name] = one.with_joints(joints)
         else:
-            decided.append(cut_one(task, recording.with_joints(joints).noted(*notes)))
-    return decided
+            again.append(task._replace(options=replace(options, joints=joints)))
+    result |= zip((task.name for task in again), _each(read_one, again, pool), strict=True)
+    for name, one in _used(result).items():
+        left = [x for x in loaded[name].joint_names if x not in chosen[name]]
+        result[name] = one.noted(*notes_on_left_out(left, reasons))
+    return result
 
 
-def _reasons_to_leave_out(recordings: Sequence[Recording], options: LoadOptions) -> dict[str, str]:
-    """Joints that are none of the set, and why.
-
-    With `moving_only` they are those that move in no recording; unless joints are chosen, those of
-    a gripper that does not move with the arm always are.
-    """
-    idle = _idle_grippers(recordings) if options.joints is None else set()
-    moving = {n for x in recordings for n in x.joint_names if n not in x.still_joints}
-    still = {name for x in recordings for name in x.still_joints} - moving
-    if not options.moving_only:
-        still = {x for x in still if options.joints is None and _GRIPPER.search(x)}
-    return dict.fromkeys(idle, "they move while the arm rests") | dict.fromkeys(
-        still, "they never move"
-    )
+def cut_one(task: tuple[Recording, ReadTask]) -> Recording | Refusal:
+    """Cut one recording, in this process or another one."""
+    recording, (_, name, rows, options) = task
+    try:
+        cut = cut_recording(recording, rows, options)
+        absurd = checks.absurd(cut.motions, options)
+        return cut.noted(*absurd, *checks.beyond_limits(cut.motions, options))
+    except RecordingError as error:
+        return Refusal(name, str(error))
 
 
-def _idle_grippers(recordings: Sequence[Recording]) -> set[str]:
-    """The joints of grippers that move while the other joints rest, by their names and paths."""
-    moved, with_arm = defaultdict[str, float](float), defaultdict[str, float](float)
-    for recording in recordings:
-        of_gripper = np.array([bool(_GRIPPER.search(x)) for x in recording.joint_names])
-        if of_gripper.all() or not of_gripper.any():
-            continue
-        stride = max(round(_STEP * recording.sample_rate), 1)
-        paths = np.abs(
-            np.vstack([np.diff(x.positions[::stride], axis=0) for x in recording.pieces])
-        )
-        arm = paths[:, ~of_gripper].sum(axis=1)
-        is_moving = arm > _ARM_MOVES * np.quantile(arm, 0.95)
-        names = [x for x in recording.joint_names if _GRIPPER.search(x)]
-        for name, path in zip(names, paths[:, of_gripper].T, strict=True):
-            moved[name] += float(path.sum())
-            with_arm[name] += float(path[is_moving].sum())
-    return {name for name, path in moved.items() if with_arm[name] < _WITH_ARM * path}
-
-
-def _kinds(motions: Sequence[Demonstration]) -> tuple[str, ...]:
-    """A note if motions are of a few kinds, by clusters of their starts and goals."""
-    is_looked_at = _LEAST_OF_KINDS <= len(motions) <= _MOST_COMPARED
-    if not is_looked_at or len({motion.joint_names for motion in motions}) != 1:
-        return ()
-    ends = np.array([motion.positions[[0, -1]] for motion in motions])
-    back = ends[:, ::-1]  # a way and its way back are of one kind
-    is_back = np.linalg.norm(back - ends[0], axis=(1, 2)) < np.linalg.norm(
-        ends - ends[0], axis=(1, 2)
-    )
-    ends = np.where(is_back[:, None, None], back, ends)
-    tree = hierarchy.linkage(ends.reshape(len(ends), -1), "average")
-    kinds, greatest = list[int](), _APART
-    for k in range(2, _MOST_KINDS + 1):
-        sizes = Counter(hierarchy.fcluster(tree, k, "maxclust").tolist()).values()
-        apart = tree[-k + 1, 2] / max(tree[-k, 2], 1e-9)
-        if len(sizes) == k and min(sizes) > 1 and apart > greatest:
-            kinds, greatest = sorted(sizes, reverse=True), apart
-    if not kinds:
-        return ()
-    return (
-        f"these look like {len(kinds)} kinds of motions ({', '.join(map(str, kinds))} of them), by "
-        "their starts and goals: if they are, label them in a table of segments and learn each "
-        "kind by itself (--write-segments, --segments and --by label)",
-    )
-
-
-def _returns(motions: Sequence[Demonstration]) -> tuple[str, ...]:
-    """A note if motions end where they start."""
-    ways = [np.linalg.norm(x.positions[-1] - x.positions[0]) for x in motions]
-    n = sum(way < _RETURNS * extent(x.positions) for way, x in zip(ways, motions, strict=True))
-    if not n or n < _ARE_MOST * len(motions):
-        return ()
-    return (
-        f"{n} of {len(motions)} motions end where they start, so a goal elsewhere is unlike them: "
-        "cut them at their rests (--cut rests), or by a table (--segments; segments_csv in Python)",
-    )
-
-
-def _left_out(names: Sequence[str], reasons: Mapping[str, str]) -> tuple[str, ...]:
-    """Notes on joints that are not taken."""
-    several = defaultdict[str, list[str]](list)
-    for name in names:
-        several[reasons.get(name, "most recordings lack them")].append(name)
-    return tuple(
-        f"joints left out, as {why}: {quote_names(names)}" for why, names in several.items()
-    )
-
-
-def _with_extent_of_set(loaded: Sequence[Loaded]) -> list[Loaded]:
-    """Recordings cut again by the extents of all: some movements are rest beside the others."""
-    extents = [
-        [m.extent for report in one.result.reports for m in report.motions]
-        if one.task.segments is None
-        else []
-        for one in loaded
-    ]
-    every = [x for own in extents for x in own]
+def _without_small(loaded: Loaded) -> Loaded:
+    """Recordings without motions that are rest beside those of all others."""
+    every = [extent(motion.positions) for motion in _motions(loaded)]
     least = least_extent_of_set(every) if every else 0.0
-    return [
-        one
-        if one.recording is None or min(own, default=np.inf) > least
-        else cut_one(one.task, one.recording, least)
-        for one, own in zip(loaded, extents, strict=True)
-    ]
+    result = dict(loaded)
+    for name, one in _used(loaded).items():
+        extents = np.array([extent(motion.positions) for motion in one.motions])
+        motions = tuple(compress(one.motions, extents > least))
+        if motions:
+            notes = checks.hesitations(motions)
+            n_small = extents.size - len(motions)
+            result[name] = replace(one, motions=motions).noted(*notes, rest=n_small)
+        else:
+            why = "by the extent of the other recordings' motions"
+            result[name] = Refusal(name, str(no_motion(extents.tolist(), least, why)))
+    return result
 
 
-def on_one_turn(recordings: RecordingSet, joint: str) -> RecordingSet:
+def _on_one_turn(loaded: Loaded, joint: str) -> Loaded:
     """Recordings whose motions are shifted by full turns of a continuous joint.
 
     Their starts are near each other then. Drivers report angles from -pi to pi, or from 0 after a
     restart.
     """
-    motions, counts = list(recordings.demonstrations), Counter[str]()
-    turning = [
-        (k, motion.joint_names.index(joint))
-        for k, motion in enumerate(motions)
-        if joint in motion.joint_names
-    ]
-    starts = np.array([motions[k].positions[0, column] for k, column in turning])
-    for (k, column), turns in zip(turning, full_turns(starts), strict=True):
-        if turns:
-            positions = motions[k].positions.copy()
-            positions[:, column] += 2.0 * np.pi * turns
-            motions[k] = replace(motions[k], positions=positions)
-            counts[motions[k].recording] += 1
-    reports = tuple(
-        x.noted(repairs={"turns": x.repairs.get("turns", 0) + counts[x.name]})
-        for x in recordings.reports
-    )
-    return replace(recordings, demonstrations=tuple(motions), reports=reports)
+    turning = {name: one for name, one in _used(loaded).items() if joint in one.joint_names}
+    columns = {name: one.joint_names.index(joint) for name, one in turning.items()}
+    starts = [m.positions[0, columns[name]] for name, x in turning.items() for m in x.motions]
+    turns = iter(full_turns(np.array(starts)))
+    result = dict(loaded)
+    for name, one in turning.items():
+        own = np.array([next(turns) for _ in one.motions])
+        shift = 2.0 * np.pi * (np.arange(len(one.joint_names)) == columns[name])
+        motions = tuple(
+            replace(motion, positions=motion.positions + n * shift) if n else motion
+            for motion, n in zip(one.motions, own, strict=True)
+        )
+        result[name] = replace(one, motions=motions).noted(turns=int(np.count_nonzero(own)))
+    return result
 
 
 def full_turns(angles: NDArray[np.float64]) -> list[int]:

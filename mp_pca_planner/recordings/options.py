@@ -11,10 +11,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..arrays import as_list, check_choice, is_number, set_frozen
+from ..arrays import as_list, check_choice, check_number, is_number, set_frozen
 from ..exceptions import RecordingError
 from ..renaming import Rename, check_rename
-from .segmentation import SegmentationOptions
+
+CUTS = ("valleys", "rests")
+"""Where recordings are cut: at rests and at valleys of the speed, or at rests alone."""
+
+MIN_REST = 0.6
+"""Shortest rest that cuts [s], unless `min_rest` is given."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +50,12 @@ class LoadOptions:
     segments_csv : path or None
         A table of motions cut by hand, see :func:`.cutting.read_segments`; instead of
         `segment`.
-    segmentation : SegmentationOptions
-        The cuts of "auto".
+    cut : {'valleys', 'rests'} or None
+        Whether "auto" cuts at valleys of the speed, too, or at rests alone. By default recordings
+        are cut at both, and episodes stay whole.
+    min_rest : float or None
+        Shorter rests don't cut [s], but they may be valleys; :data:`MIN_REST` by default. Given
+        alone, it cuts episodes at rests.
     markers : MarkerSource or None
         Finds the joint states from markers, see :func:`.marker_joint_states.marker_source`;
         `topic` and `joints` are not used then.
@@ -69,7 +78,7 @@ class LoadOptions:
     Raises
     ------
     RecordingError
-        If `segment` is unknown, `state_field` is given without `topic`, or a factor is 0.
+        If a choice or a number is not accepted, or options exclude each other.
     """
 
     topic: str | None = None
@@ -80,7 +89,8 @@ class LoadOptions:
     degrees: bool = False
     segment: Literal["auto", "none"] = "auto"
     segments_csv: str | Path | None = None
-    segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
+    cut: Literal["valleys", "rests"] | None = None
+    min_rest: float | None = None
     markers: Any = None
     state_field: str | None = None
     episodes: Sequence[int | str] | None = None
@@ -91,6 +101,15 @@ class LoadOptions:
 
     def __post_init__(self) -> None:
         check_choice(self.segment, "segment", RecordingError, ("auto", "none"))
+        if self.cut is not None:
+            check_choice(self.cut, "the kind of cuts", RecordingError, CUTS)
+        if self.min_rest is not None:
+            check_number(self.min_rest, "the shortest rest 'min_rest' [s]", RecordingError, 1e-3)
+        if self.cuts and (self.segments_csv is not None or self.segment == "none"):
+            raise RecordingError(
+                "--cut and --min-rest (cut=, min_rest=) are for --segment auto: remove them, or "
+                "--segments and --segment"
+            )
         if self.episodes is not None:
             what = "episodes: a list of their numbers is needed"
             set_frozen(self, episodes=as_list(self.episodes, what, RecordingError))
@@ -104,6 +123,11 @@ class LoadOptions:
                 raise RecordingError(
                     f"the scale of joint '{name}' must be a number that is not 0, got {factor!r}"
                 )
+
+    @property
+    def cuts(self) -> bool:
+        """Whether cuts are asked for, which cut episodes, too."""
+        return self.cut is not None or self.min_rest is not None
 
     @property
     def topics(self) -> list[str]:

@@ -26,24 +26,28 @@ from .tables import FORMATS, Episodes, names_of_positions, read_table, whole_epi
 
 
 def read_recording(path: Path, options: LoadOptions) -> Recording:
-    """Read the joint states of a bag or a table, and repair them.
+    """Read the joint states of a bag or a table, or those of markers, and repair them.
 
     Raises
     ------
     RecordingError
         If the recording can't be read or repaired.
     """
+    if options.markers is not None:
+        states, residuals = options.markers.joint_states(path, salvage=options.salvage)
+        recording = repair(states, None, options.max_gap)
+        return replace(recording, marker_residuals=residuals)
     joints = options.joints
     if joints is not None and bags.recording_format(path) in FORMATS:
         joints = names_of_positions(joints)
     states, episodes = _read(path, replace(options, joints=joints))
     if joints is None and len(options.topics) > 1:
         joints = states.joint_names
-    listed = [name for name in joints or () if name in states.joint_names]
+    missing = [name for name in joints or () if name not in states.joint_names]
+    if options.moving_only and len(missing) < len(joints or ()):
+        joints = [name for name in joints or () if name not in missing]
     try:
-        recording = repair(
-            states, listed if options.moving_only and listed else joints, options.max_gap
-        )
+        recording = repair(states, joints, options.max_gap)
     except UnusableRecordingError as error:
         if episodes:  # whose borders are no gaps
             error.findings["repairs"].pop("gaps", None)
@@ -54,7 +58,7 @@ def read_recording(path: Path, options: LoadOptions) -> Recording:
             f"its positions are {reach:.3g} at most, which are radians rather than degrees: leave "
             "out --degrees (degrees=True in Python)"
         )
-    if missing := [name for name in joints or () if name not in recording.joint_names]:
+    if missing:
         recording = recording.noted(
             f"joints left out, as the recording lacks them: {quote_names(missing)}"
         )
@@ -225,7 +229,7 @@ def inspect_recording(path: str | Path, **options: Any) -> dict[str, Any]:
             with bags.open_bag(recording, salvage=settings.salvage) as bag:
                 facts["topics"] = tuple(asdict(topic) for topic in bag.topics)
         clean = read_recording(recording, settings)
-        found = vars(clean) | {"duration": clean.duration, "notes": clean.all_notes}
+        found = vars(clean) | {"notes": clean.all_notes}
         facts["episodes"] = len(clean.episodes) or None
     except UnusableRecordingError as error:
         found = error.findings

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -14,6 +15,8 @@ from ..arrays import FloatArray
 from ..exceptions import quote_names
 
 if TYPE_CHECKING:
+    from .cutting import Overview
+    from .demonstration import Demonstration
     from .segmentation import SpeedThresholds
 
 MIN_SAMPLES = 10
@@ -86,42 +89,38 @@ class MarkerResidual:
 
 
 @dataclass(frozen=True)
-class Segment:
-    """Interval of a recording that holds one motion.
+class Refusal:
+    """A recording that can't be used, and why.
 
     Attributes
     ----------
-    start, end : float
-        Times since the recording's first message [s].
-    label : str
-        Label in the table of segments ('' if there is none).
-    extent : float
-        Norm over the joints of the distance that each of them covers [rad or m].
-    where : str
-        File and line of the table of segments, for messages.
+    recording, reason : str
+        Its name, and the reason.
+    joint_names : tuple of str
+        All joints that its messages list, if they can be read.
     """
 
-    start: float
-    end: float
-    label: str = ""
-    extent: float = 0.0
-    where: str = ""
+    recording: str
+    reason: str
+    joint_names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Repaired samples of the chosen joints.
+    """A repaired recording and what was found in it; once it is cut, its motions.
 
     Attributes
     ----------
     joint_names : tuple of str
         Names of the joints.
     pieces : tuple of Samples
-        The samples between gaps and clock jumps, in order of time.
+        The samples between gaps and clock jumps, in order of time; none once it is cut.
     rate : float
         The usual rate [Hz]: one over the median period.
     sample_rate : float
         Rate of the samples in the pieces [Hz]; lower than `rate` where samples were averaged.
+    duration : float
+        Time from the first to the last sample, of episodes their sum [s].
     repairs : dict
         Counts of the repairs that were made, by their names in :data:`REPAIRS`.
     notes : tuple of str
@@ -138,23 +137,26 @@ class Recording:
         See :func:`.copies.fingerprint`.
     episodes : tuple of (float, int or str)
         Start [s] and name of each episode of a table, see :data:`.tables.Episodes`. Each piece is
-        one motion then, which only "rests" cuts.
+        one motion then, unless cuts are asked for.
     marker_residuals : dict
         Residual of each marker; empty unless markers were recorded.
     checksum : str
         SHA-256 of the stored bytes.
     name, path, format : str
         Its name, its place and its storage format.
-    motions : tuple of Segment
+    motions : tuple of Demonstration
         The motions that are cut out of it, in order.
     thresholds : SpeedThresholds
         Speeds of rest and motion, determined from the recording.
+    overview : tuple of array
+        Few of its samples, for a figure, see :data:`.cutting.Overview`.
     """
 
     joint_names: tuple[str, ...]
     pieces: tuple[Samples, ...]
     rate: float
     sample_rate: float
+    duration: float
     repairs: dict[str, int]
     notes: tuple[str, ...]
     topic: str
@@ -168,15 +170,9 @@ class Recording:
     name: str = ""
     path: str = ""
     format: str = ""
-    motions: tuple[Segment, ...] = ()
+    motions: tuple[Demonstration, ...] = ()
     thresholds: SpeedThresholds | None = None
-
-    @property
-    def duration(self) -> float:
-        """Time from the first to the last sample, of episodes their sum [s]."""
-        if self.episodes:
-            return float(sum(piece.times[-1] - piece.times[0] for piece in self.pieces))
-        return float(self.pieces[-1].times[-1] - self.pieces[0].times[0])
+    overview: Overview | None = None
 
     @property
     def all_notes(self) -> tuple[str, ...]:
@@ -187,10 +183,13 @@ class Recording:
 
     def episode_at(self, time: float) -> int | str | None:
         """Name of the episode at a time [s]; None without episodes."""
-        return next((name for start, name in reversed(self.episodes) if start <= time), None)
+        # Times are rounded to nanoseconds.
+        return next((x for start, x in reversed(self.episodes) if start <= time + 1e-6), None)
 
     def with_joints(self, joints: Sequence[str]) -> Recording:
         """The recording of some of its joints, in this order; the others never move."""
+        if joints == self.joint_names:
+            return self
         columns = [self.joint_names.index(name) for name in joints]
         return replace(
             self,
@@ -199,7 +198,7 @@ class Recording:
             still_joints=tuple(name for name in self.still_joints if name in joints),
         )
 
-    def noted(self, *notes: str, repairs: dict[str, int] | None = None) -> Recording:
-        """The recording with further notes, and counts of repairs."""
-        counts = {**self.repairs, **{kind: n for kind, n in (repairs or {}).items() if n}}
-        return replace(self, notes=(*self.notes, *notes), repairs=counts)
+    def noted(self, *notes: str, **repairs: int) -> Recording:
+        """The recording with further notes, and further repairs by their names."""
+        counts = Counter(self.repairs) + Counter(repairs)
+        return replace(self, notes=(*self.notes, *notes), repairs=dict(counts))

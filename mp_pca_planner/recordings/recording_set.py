@@ -6,12 +6,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from functools import cached_property
 
 from ..exceptions import RecordingError, listed
+from .checks import ABSURD
 from .demonstration import Demonstration
-from .recording import DROPPED, REPAIRS, Recording
-from .segmentation import ABSURD_EXTENT
+from .recording import DROPPED, REPAIRS, Recording, Refusal
 
 NORMALISED = (
     "its values are from -100 to 100, as degrees of an SO-100 or SO-101 may be: if they are "
@@ -20,26 +21,6 @@ NORMALISED = (
 )
 """The note on a dataset whose values may be no degrees."""
 
-ABSURD = f"rad (or m), and over {ABSURD_EXTENT:g} is absurd"
-"""In the note on a joint that moves absurdly far."""
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """A recording that can't be used, and why.
-
-    Attributes
-    ----------
-    recording, reason : str
-        Its name, and the reason.
-    joint_names : tuple of str
-        All joints that its messages list, if they can be read.
-    """
-
-    recording: str
-    reason: str
-    joint_names: tuple[str, ...] = ()
-
 
 @dataclass(frozen=True)
 class RecordingSet:
@@ -47,26 +28,22 @@ class RecordingSet:
 
     Attributes
     ----------
-    demonstrations : sequence of Demonstration
-        Those of all recordings, in order.
     reports : sequence of Recording
-        Those that are used.
+        The recordings that are used, without their samples.
     refused : sequence of Refusal
         One for each that is not.
     notes : sequence of str
         Findings on the set, one sentence each.
     """
 
-    demonstrations: Sequence[Demonstration] = ()
     reports: Sequence[Recording] = ()
     refused: Sequence[Refusal] = ()
     notes: Sequence[str] = ()
 
-    @classmethod
-    def joined(cls, sets: Sequence[RecordingSet]) -> RecordingSet:
-        """The results of all recordings, in order."""
-        names = (one.name for one in fields(cls))
-        return cls(*(tuple(x for s in sets for x in getattr(s, name)) for name in names))
+    @cached_property
+    def demonstrations(self) -> tuple[Demonstration, ...]:
+        """The motions of all recordings, in order."""
+        return tuple(motion for one in self.reports for motion in one.motions)
 
     def __len__(self) -> int:
         return len(self.demonstrations)

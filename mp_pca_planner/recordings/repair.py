@@ -121,6 +121,7 @@ def repair(
         pieces=tuple(pieces),
         rate=1.0 / period,
         sample_rate=1.0 / period / n_averaged,
+        duration=float(pieces[-1].times[-1] - pieces[0].times[0]),
         still_joints=still,
         fingerprint=fingerprint(samples.positions, names),
         **_facts(states, counts, notes),

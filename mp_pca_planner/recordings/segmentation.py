@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray, check_choice, check_number
-from ..exceptions import RecordingError
+from ..arrays import FloatArray
 from ..lazy import LazyModule
 from .continuity import noise_deviation
 from .recording import Samples
@@ -150,34 +149,6 @@ ABSURD_EXTENT = 12.0
 """Motions of a joint over more than this [rad or m] are absurd, such as those of degrees."""
 
 
-CUTS = ("valleys", "rests")
-
-
-@dataclass(frozen=True)
-class SegmentationOptions:
-    """The cuts between motions.
-
-    Attributes
-    ----------
-    min_rest : float
-        Shorter rests don't cut [s], but they may be valleys.
-    cut : {'valleys', 'rests'}
-        Whether valleys of the speed cut, too, or rests alone; only "rests" cuts episodes.
-
-    Raises
-    ------
-    RecordingError
-        If the time is no positive number, or `cut` is unknown.
-    """
-
-    min_rest: float = 0.6
-    cut: str = "valleys"
-
-    def __post_init__(self) -> None:
-        check_number(self.min_rest, "the shortest rest 'min_rest' [s]", RecordingError, 1e-3)
-        check_choice(self.cut, "the kind of cuts", RecordingError, CUTS)
-
-
 @dataclass(frozen=True)
 class SpeedThresholds:
     """Speeds that separate rest from motion: norms over the joints [rad/s or m/s].
@@ -229,12 +200,15 @@ def least_extent_of_set(extents: Sequence[float]) -> float:
 
 
 def find_motions(
-    piece: SmoothPiece, thresholds: SpeedThresholds, options: SegmentationOptions
+    piece: SmoothPiece, thresholds: SpeedThresholds, min_rest: float, *, valleys: bool
 ) -> list[Span]:
-    """Find the motions of a piece, also small ones, in order, as first and last step."""
+    """Find the motions of a piece, also small ones, in order, as first and last step.
+
+    They are cut at rests of at least `min_rest` [s], and on request at valleys of the speed.
+    """
     speed = joint_speed(piece.velocities)
-    runs = _moving_runs(speed, thresholds, round(options.min_rest * piece.rate))
-    if options.cut == "valleys" and piece.recorded_rate >= _MIN_VALLEY_RATE:
+    runs = _moving_runs(speed, thresholds, round(min_rest * piece.rate))
+    if valleys and piece.recorded_rate >= _MIN_VALLEY_RATE:
         window = max(1, round(_MIN_DURATION * piece.rate))
         runs = [part for run in runs for part in _split_at_valleys(piece, speed, run, window)]
     return [

@@ -384,9 +384,13 @@ def whole_episodes(recording: Recording, episodes: Episodes) -> Recording:
     notes = [
         f"episodes dropped, as {why}: {listed(names)}" for why, names in reasons.items() if names
     ]
-    counts = {**recording.repairs, "gaps": len(owners) - len(n_pieces), "cut_off": len(torn)}
-    repairs = {kind: n for kind, n in counts.items() if n}
-    return replace(recording.noted(*notes), pieces=whole, repairs=repairs, episodes=episodes)
+    # Borders of episodes are no gaps.
+    repairs = {kind: n for kind, n in recording.repairs.items() if kind != "gaps"}
+    duration = float(sum(piece.times[-1] - piece.times[0] for piece in whole))
+    whole_ones = replace(
+        recording, pieces=whole, duration=duration, repairs=repairs, episodes=episodes
+    )
+    return whole_ones.noted(*notes, gaps=len(owners) - len(n_pieces), cut_off=len(torn))
 
 
 def _size(feature: Any) -> int:

@@ -23,9 +23,10 @@ from ..recordings.bags import choose_topic, from_cdr, open_bag, to_cdr, write_st
 from ..recordings.bags.bag import damage_reported
 from ..recordings.demonstration import Demonstration
 from ..recordings.joint_states import collect_joint_states
+from ..recordings.options import MIN_REST, LoadOptions
 from ..recordings.recording import Recording
 from ..recordings.repair import repair
-from ..recordings.segmentation import SegmentationOptions, extent, least_extent_of_set
+from ..recordings.segmentation import extent, least_extent_of_set
 from ..robot.model import Robot
 
 StoredStates = list[tuple[int, bytes]]
@@ -249,10 +250,10 @@ class TeachingSession:
             return self._news([f"no motion yet: {error}"] if is_known else [])
         if cuts and not is_over:
             ended = cuts[-1].piece.times[cuts[-1].last]
-            if clean.pieces[-1].times[-1] - ended <= SegmentationOptions.min_rest:
+            if clean.pieces[-1].times[-1] - ended <= MIN_REST:
                 return []
         self._present = clean.pieces[-1].positions[-1]
-        whole = [cut for cut in cuts if not cut.is_cut_off]
+        whole = [cut for cut in cuts if not any(cut.is_cut_off)]
         every = (cut.demonstration(clean.joint_names, recording=self._name) for cut in whole)
         before = _spans(self.motions)
         self.motions = tuple(x for x in every if not _is_among(x, self._discarded_spans))
@@ -278,11 +279,10 @@ class TeachingSession:
             moving = [name for name in clean.joint_names if name not in clean.still_joints]
             clean = clean.with_joints(moving)
         pieces, thresholds = cutting.smoothed(clean)
-        cuts, notes, counts = cutting.cut_motions(clean, pieces, thresholds, SegmentationOptions())
+        cuts, clean = cutting.cut_motions(clean, pieces, thresholds, LoadOptions())
         least = least_extent_of_set([cut.extent for cut in cuts]) if cuts else 0.0
         large = [cut for cut in cuts if cut.extent > least]
-        counts["rest"] += len(cuts) - len(large)
-        return large, clean.noted(*notes, repairs=counts)
+        return large, clean.noted(rest=len(cuts) - len(large))
 
     def discard_last(self) -> Demonstration | None:
         """Discard the last motion for good; returns it, None if there is none."""

@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Primitives from the front door: fit, predict, sample, save and load."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from support.arm import arm_demonstrations, arm_primitive, file_bytes
@@ -22,7 +25,8 @@ def test_fit_gives_what_the_builder_gives(wrapped):
     options = PrimitiveOptions(coupling="joint", n_components=2, align="linear")
     built = build_primitive(arm_demonstrations(), "reach", options)
     demonstrations = arm_demonstrations()
-    given = RecordingSet(demonstrations) if wrapped else demonstrations
+    one: Any = SimpleNamespace(motions=demonstrations)
+    given = RecordingSet([one]) if wrapped else demonstrations
     fitted = MovementPrimitive.fit(
         given, name="reach", coupling="joint", components=2, align="linear"
     )

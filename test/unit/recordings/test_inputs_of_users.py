@@ -23,7 +23,6 @@ from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.load import full_turns
 from mp_pca_planner.recordings.reading import inspect_recording
-from mp_pca_planner.recordings.segmentation import SegmentationOptions
 from mp_pca_planner.renaming import new_name, read_rename
 
 RATE = 50
@@ -274,9 +273,10 @@ def test_episodes_that_return_are_said_and_cut_on_request(tmp_path: Path) -> Non
     folder = write_dataset(tmp_path / "set", several, list(NAMES))
     found = mp.load_demonstrations(folder)
     assert len(found) == 20 and "20 of 20 motions end where they start" in found.report
-    cut = mp.load_demonstrations(folder, segmentation=SegmentationOptions(cut="rests"))
+    cut = mp.load_demonstrations(folder, cut="rests")
     assert len(cut) == 40 and "end where they start" not in cut.report
     assert [x.episode for x in cut] == [k for k in range(20) for _ in range(2)]
+    assert len(mp.load_demonstrations(folder, min_rest=0.3)) == 40
     facts = inspect_recording(folder)
     seconds = sum(len(q) - 1 for q in several) / RATE
     assert facts["episodes"] == 20 and facts["duration"] == pytest.approx(seconds)
@@ -372,9 +372,7 @@ def test_cuts_at_hesitations_are_said_and_can_be_left_out(tmp_path: Path) -> Non
     q = np.vstack([np.column_stack([q, np.sin(q[:, 0])])])
     write_joint_states(tmp_path / "set.mcap", "mcap", (*NAMES, "d"), stamps(len(q)), q)
     found = mp.load_demonstrations(tmp_path / "set.mcap")
-    rests = mp.load_demonstrations(
-        tmp_path / "set.mcap", segmentation=SegmentationOptions(cut="rests")
-    )
+    rests = mp.load_demonstrations(tmp_path / "set.mcap", cut="rests")
     n_cuts = len(found) - len(rests)
     assert n_cuts > 0 and f"{n_cuts} cuts at hesitations" in found.report
     assert "hesitations" not in rests.report

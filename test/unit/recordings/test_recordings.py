@@ -93,7 +93,9 @@ def test_motions_are_whole(
     for segment in segments:
         (report,) = load_recordings([path], segment=segment).reports
         assert report.repairs == repairs
-        np.testing.assert_allclose([(m.start, m.end) for m in report.motions], spans, atol=0.12)
+        np.testing.assert_allclose(
+            [(m.start_time, m.end_time) for m in report.motions], spans, atol=0.12
+        )
 
 
 def test_units_other_than_radians_are_named_with_the_next_step(tmp_path: Path) -> None:
@@ -305,7 +307,7 @@ def test_a_table_of_segments_is_taken_or_refused_with_the_line(
 ) -> None:
     path = reaches(tmp_path / "x")
     loaded = load_recordings([path], segments_csv=segments_file(tmp_path, *ROWS))
-    found = [(m.start, m.end, m.label) for m in loaded.reports[0].motions]
+    found = [(m.start_time, m.end_time, m.label) for m in loaded.reports[0].motions]
     approx = pytest.approx
     assert found == [(approx(1.0), approx(2.0), "out"), (approx(3.0), approx(4.99), "back")]
     assert [motion.label for motion in loaded] == ["out", "back"]

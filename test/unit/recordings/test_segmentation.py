@@ -16,9 +16,9 @@ from support.bags import reaching
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.recordings.options import MIN_REST, LoadOptions
 from mp_pca_planner.recordings.recording import Samples
 from mp_pca_planner.recordings.segmentation import (
-    SegmentationOptions,
     SmoothPiece,
     find_motions,
     joint_speed,
@@ -26,20 +26,16 @@ from mp_pca_planner.recordings.segmentation import (
     speed_thresholds,
 )
 
-OPTIONS = SegmentationOptions()
-
 
 def smoothed(positions: FloatArray, rate: float = 100.0) -> SmoothPiece:
     return smooth(Samples(np.arange(len(positions)) / rate, positions), rate)
 
 
-def motions_in(
-    positions: FloatArray, rate: float = 100.0, options: SegmentationOptions = OPTIONS
-) -> list[tuple[float, float]]:
+def motions_in(positions: FloatArray, rate: float = 100.0) -> list[tuple[float, float]]:
     """Start and end [s] of each motion."""
     piece = smoothed(positions, rate)
     thresholds = speed_thresholds(joint_speed(piece.velocities))
-    spans = find_motions(piece, thresholds, options)
+    spans = find_motions(piece, thresholds, MIN_REST, valleys=True)
     return [(float(piece.times[a]), float(piece.times[b])) for a, b in spans]
 
 
@@ -102,7 +98,9 @@ def test_slow_sampling_is_cut_at_rests_only() -> None:
 @pytest.mark.parametrize(("name", "value"), [("min_rest", np.nan), ("cut", "x")])
 def test_senseless_options_are_refused_by_name(name: str, value: object) -> None:
     with pytest.raises(RecordingError, match=name.replace("cut", "kind of cuts")):
-        SegmentationOptions(**{name: value})
+        LoadOptions(**{name: value})
+    with pytest.raises(RecordingError, match="are for --segment auto: remove them"):
+        LoadOptions(min_rest=1.0, segment="none")
 
 
 def overlap_over_union(a: tuple[float, float], b: tuple[float, float]) -> float:
@@ -122,7 +120,9 @@ def test_motions_of_people_are_found_by_their_joint_angles(shared_data: Path) ->
                 span = float(row["start_time_s"]), float(row["end_time_s"])
                 wanted[row["recording"]].append(span)
     reports = load_recordings([shared_data / "human_arm" / "joint_states"]).reports
-    found = {report.name: [(m.start, m.end) for m in report.motions] for report in reports}
+    found = {
+        report.name: [(m.start_time, m.end_time) for m in report.motions] for report in reports
+    }
     hits = [
         max(overlap_over_union(span, other) for other in found[name]) > 0.5
         for name, spans in wanted.items()
