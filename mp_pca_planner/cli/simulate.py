@@ -68,14 +68,9 @@ def run(arguments: argparse.Namespace) -> int:
         robot = robot_of(arguments.robot, library)
         start = by_name(library.joint_names, usual_ends(library.ends)[0])
     if arguments.start is not None:
-        start |= joint_values(arguments.start, robot.described_joints, "--start")
-    limits = robot.limits()
-    for name, low, high in zip(robot.joint_names, limits.lower, limits.upper, strict=True):
-        if not low <= start[name] <= high:
-            raise RobotError(
-                f"the start of joint '{name}' is {start[name]:g}, outside its limits "
-                f"[{low:g}, {high:g}] {robot.position_unit}; degrees are not read"
-            )
+        given = joint_values(arguments.start, robot.described_joints, "--start")
+        _check_within_limits(given, robot)
+        start |= given
     simulated = SimulatedRobot(
         robot,
         np.array([start[name] for name in robot.joint_names]),
@@ -122,3 +117,14 @@ def _start_within_limits(robot: Robot) -> dict[str, float]:
         middle = 0.5 * (limits.lower + limits.upper)
     start = np.where((limits.lower < 0.0) & (limits.upper > 0.0), 0.0, middle)
     return by_name(robot.joint_names, start)
+
+
+def _check_within_limits(start: dict[str, float], robot: Robot) -> None:
+    limits = robot.limits()
+    for name, low, high in zip(robot.joint_names, limits.lower, limits.upper, strict=True):
+        if name in start and not low <= start[name] <= high:
+            unit = "m" if name in robot.prismatic_joints else "rad"
+            raise RobotError(
+                f"--start: joint '{name}' at {start[name]:g} is outside its limits "
+                f"[{low:g}, {high:g}] {unit}"
+            )

@@ -31,7 +31,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mp_pca_planner.files import config_file
 
-START = (0.1, 0.2, 0.0, 0.8)
+START = (0.1, 0.2, 0.0, -0.8)
 START_TEXT = ",".join(map(str, START))
 PATIENCE = 60.0
 
@@ -44,7 +44,8 @@ def _own_domain(monkeypatch):
 class User:
     """What a user of a robot sees of it, and sends to it."""
 
-    def __init__(self, node, topic):
+    def __init__(self, node, topic, run):
+        self._run = run
         self._executor = SingleThreadedExecutor(context=node.context)
         self.states, self.descriptions, self.log = [], [], []
         node.create_subscription(Log, "/rosout", lambda line: self.log.append(line.msg), 1000)
@@ -60,6 +61,7 @@ class User:
     def wait(self, is_done):
         deadline = time.monotonic() + PATIENCE
         while not is_done():
+            assert self._run.poll() is None, self._run.communicate()[1]
             assert time.monotonic() < deadline
             self._executor.spin_once(timeout_sec=0.05)
 
@@ -109,7 +111,7 @@ def simulated(
         ros_node("user") as node,
     ):
         try:
-            yield User(node, topic), printed
+            yield User(node, topic, run), printed
         finally:
             run.send_signal(number)
             output, errors = run.communicate(timeout=PATIENCE)
@@ -120,7 +122,7 @@ def simulated(
 
 
 def test_robot_executes_what_it_is_sent_and_records_every_command(tmp_path):
-    path, goal = tmp_path / "commands.npz", np.array([0.4, 0.1, 0.2, 1.2])
+    path, goal = tmp_path / "commands.npz", np.array([0.4, 0.1, 0.2, -1.2])
     with simulated("--record", str(path)) as (user, printed):
         np.testing.assert_allclose(user.states[0].position, START, atol=1e-9)
         assert list(user.states[0].name) == list(JOINTS)
@@ -166,7 +168,7 @@ def test_options_count_and_faults_are_parameters(tmp_path):
     [
         (["--start", "wrist=1"], "no joint is called 'wrist'"),
         (["--payload", "-1"], "payload is -1.0, expected a number from 0"),
-        (["--start", "elbow=-30"], "the start of joint 'elbow' is -30, outside its limits ["),
+        (["--start", "elbow=-30"], "--start: joint 'elbow' at -30 is outside its limits [-2.79"),
         (["--start", "1,2"], "--start has 2 values, expected 4: "),
     ],
 )

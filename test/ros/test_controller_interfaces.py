@@ -27,7 +27,7 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.ros import controller
 from mp_pca_planner.ros.serialised import trajectory_message
 
-START = (0.1, 0.2, 0.0, 0.8)
+START = (0.1, 0.2, 0.0, -0.8)
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 
 
