@@ -16,7 +16,7 @@ from .joint_states import Names
 from .options import LoadOptions
 from .recording import Recording, Refusal
 
-_GRIPPER = re.compile("gripper|finger|knuckle", re.IGNORECASE)
+_GRIPPER = re.compile("gripper|finger|knuckle|drive_joint", re.IGNORECASE)
 # Steps in which movements of a gripper and of the arm are compared [s]; speed of a moving arm by
 # its greatest; share of its path by which a gripper moves with the arm.
 _STEP, _ARM_MOVES, _WITH_ARM = 0.2, 0.1, 0.2
@@ -72,14 +72,14 @@ def notes_on_left_out(names: Sequence[str], reasons: Mapping[str, str]) -> tuple
 def _reasons_to_leave_out(recordings: Sequence[Recording], options: LoadOptions) -> dict[str, str]:
     """Joints that are none of the set, and why.
 
-    With `moving_only` they are those that move in no recording; unless joints are chosen, those of
-    a gripper that does not move with the arm always are.
+    They are those that move in no recording, and those of a gripper that does not move with the
+    arm. Chosen joints are taken all the same, but those that never move with `moving_only`.
     """
     idle = _idle_grippers(recordings) if options.joints is None else set()
     moving = {n for x in recordings for n in x.joint_names if n not in x.still_joints}
     still = {name for x in recordings for name in x.still_joints} - moving
-    if not options.moving_only:
-        still = {x for x in still if options.joints is None and _GRIPPER.search(x)}
+    if options.joints is not None and not options.moving_only:
+        still = set()
     return dict.fromkeys(idle, "they move while the arm rests") | dict.fromkeys(
         still, "they never move"
     )

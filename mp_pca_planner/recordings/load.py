@@ -9,26 +9,28 @@ and each is cut alone. Last, motions that are small beside those of all others a
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields, replace
 from itertools import accumulate, compress
 from pathlib import Path
 from types import NoneType
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import as_list, check_number, check_type
 from ..exceptions import (
+    PlannerError,
     RecordingError,
     RobotError,
     UnusableRecordingError,
     quote_names,
     unknown_name,
 )
+from ..renaming import Rename
 from ..robot.model import Robot
 from . import bags, checks
 from .copies import parts_of_others
@@ -45,8 +47,6 @@ from .workers import dask_cluster, process_pool
 MAX_CHUNK, N_CHUNKS = 16, 64
 """Recordings that are sent to a process together, at most; and so many times they are sent."""
 
-Found = Recording | Refusal
-
 _OPTIONS = [item.name for item in fields(LoadOptions)]
 _OPTIONS += ["jobs", "dask", "executor", "progress", "continuous"]
 
@@ -55,6 +55,19 @@ def load_demonstrations(
     paths: str | Path | Iterable[str | Path],
     *,
     robot: Robot | str | Path | None = None,
+    joints: Sequence[str] | None = None,
+    rename: Rename | None = None,
+    degrees: bool = False,
+    scale: Mapping[str, float] | str | Path | None = None,
+    topic: str | None = None,
+    episodes: Sequence[int | str] | None = None,
+    segment: Literal["auto", "none"] = "auto",
+    cut: Literal["valleys", "rests"] | None = None,
+    min_rest: float | None = None,
+    segments_csv: str | Path | None = None,
+    max_gap: float | None = None,
+    salvage: bool = False,
+    jobs: int = 1,
     **options: Any,
 ) -> RecordingSet:
     """Load the demonstrated motions of recordings.
@@ -65,40 +78,41 @@ def load_demonstrations(
         Bag files, rosbag2 folders, CSV files, datasets of LeRobot, folders of bags and datasets,
         glob patterns; one of them or several.
     robot : Robot or path of a URDF file, optional
-        Its joints are taken, in its order; by default all that every message lists. Of a file,
-        the joints that never move in the recordings are left out and noted, such as a gripper's;
-        `joints` or a `Robot` choose them all the same.
+        Its joints are taken, in its order; by default all that every message lists. Joints that
+        never move in the recordings are left out and noted, such as a gripper's, unless `joints` or
+        a `Robot` choose them.
+    joints : sequence of str, optional
+        The joints to take, in this order. All other columns of a CSV file are ignored.
+    rename : mapping of str to str, optional
+        New names of the joints by the recorded ones, with ``*`` for any text:
+        ``{"left_*": "*"}`` strips a prefix.
+    degrees : bool
+        Whether positions are recorded in degrees. Otherwise they are in rad (or m).
+    scale : mapping of str to float, or path, optional
+        Factors by joint from recorded values to rad (or m), or a calibration file of LeRobot.
+        `degrees` doesn't convert these joints: of degrees the factor is ±0.01745.
+    topic : str, optional
+        The topic of a bag, or the column of a LeRobot dataset ('observation.state'). Several,
+        separated by commas, are taken together.
+    episodes : sequence of int or str, optional
+        The episodes of a LeRobot dataset, or of a CSV file with a column of episodes.
+    segment : {'auto', 'none'}
+        Whether recordings are cut at rests ('auto'), or each is one motion ('none').
+    cut : {'valleys', 'rests'}, optional
+        Whether they are cut at valleys of the speed, too. Given, it cuts episodes as well.
+    min_rest : float, optional
+        Shortest rest that cuts [s], 0.6 by default. Given, it cuts episodes as well.
+    segments_csv : path, optional
+        A table of motions cut by hand.
+    max_gap : float, optional
+        Longest time without samples that doesn't cut a recording [s]; 0.5 by default.
+    salvage : bool
+        Takes what precedes the damage of a damaged bag.
+    jobs : int
+        Processes that read recordings at the same time.
     **options :
-        The most used are these. All others are fields of :class:`.LoadOptions`, and `dask`,
-        `executor` and `progress` of :func:`.load_recordings`.
-
-        joints : sequence of str
-            The joints to take, in this order. All other columns of a CSV file are ignored.
-        rename : mapping of str to str
-            New names of the joints by the recorded ones, with ``*`` for any text:
-            ``{"left_*": "*"}`` strips a prefix.
-        degrees : bool
-            Whether positions are recorded in degrees. Otherwise they are in rad (or m).
-        scale : mapping of str to float, or path
-            Factors by joint from recorded values to rad (or m), or a calibration file of LeRobot.
-            `degrees` doesn't convert these joints: of degrees the factor is ±0.01745.
-        topic : str
-            The topic of a bag, or the column of a LeRobot dataset ('observation.state'). Several,
-            separated by commas, are taken together.
-        episodes : sequence of int
-            The episodes of a LeRobot dataset, or of a CSV file with a column of episodes.
-        segment : {'auto', 'none'}
-            Whether recordings are cut at rests ('auto'), or each is one motion ('none').
-        cut : {'valleys', 'rests'}
-            Whether they are cut at valleys of the speed, too. Given, it cuts episodes as well.
-        segments_csv : path
-            A table of motions cut by hand.
-        max_gap : float
-            Longest time without samples that doesn't cut a recording [s]; 0.5 by default.
-        salvage : bool
-            Takes what precedes the damage of a damaged bag.
-        jobs : int
-            Processes that read recordings at the same time; 1 by default.
+        Other fields of :class:`.LoadOptions`, and `dask`, `executor` and `progress` of
+        :func:`.load_recordings`.
 
     Returns
     -------
@@ -128,13 +142,33 @@ def load_demonstrations(
     check_type(robot, "robot", RobotError, Robot, str, Path, NoneType)
     for option in options.keys() - {*_OPTIONS}:
         raise RecordingError(unknown_name("option of load_demonstrations", option, _OPTIONS, 40))
-    joints = options.pop("joints", None)
     options.setdefault("moving_only", joints is None and isinstance(robot, (str, Path)))
     if isinstance(robot, (str, Path)):
         robot = Robot.from_file(robot, joints)
-    joints = robot.joint_names if robot else joints
+    if robot is not None and joints is None:
+        joints = robot.joint_names
     options = facts_of_robot(robot) | options
-    recordings = load_recordings(paths, joints=joints, same_joints=True, **options)
+    try:
+        recordings = load_recordings(
+            paths,
+            joints=joints,
+            rename=rename or {},
+            degrees=degrees,
+            scale=scale or {},
+            topic=topic,
+            episodes=episodes,
+            segment=segment,
+            cut=cut,
+            min_rest=min_rest,
+            segments_csv=segments_csv,
+            max_gap=max_gap,
+            salvage=salvage,
+            jobs=jobs,
+            same_joints=True,
+            **options,
+        )
+    except PlannerError as error:  # whose sentence says it all, without the functions in between
+        raise error.with_traceback(None) from None
     recordings.require_motion()
     for sentence in (recordings.warning, recordings.unit_warning):
         if sentence:

@@ -106,6 +106,7 @@ def _read_csv(path: Path, options: LoadOptions) -> tuple[JointStates, Episodes]:
     varying = [k for k in range(len(counters)) if len({row[k] for row in labels}) > 1]
     if varying:
         names = _episode_names(["/".join(row[k] for k in varying) for row in labels])
+        _check_episodes(path, options, names)
         return _states_of_episodes(path, path.name, joints, values, names, notes, options)
     if options.episodes is not None:
         raise RecordingError(
@@ -220,10 +221,10 @@ def _read_dataset(path: Path, options: LoadOptions) -> tuple[JointStates, Episod
     for column in columns:
         if column not in vectors:
             raise RecordingError(f"'{path}': {unknown_name('column of numbers', column, vectors)}")
-    indices, frames, notes = _read_parquet(path, columns, fps, options.episodes)
+    indices, frames, damaged = _read_parquet(path, columns, fps, options.episodes)
     n_values, column = frames.shape[1] - 1, ",".join(columns)
     of_joints = {name: [*names_of_positions(own), *own] for name, own in recorded.items()}
-    notes += notes_on_rename(rename, of_joints)
+    notes = damaged + notes_on_rename(rename, of_joints)
     if len(named) != n_values or _is_ambiguous(named, joints):
         named, note = _given_names(column, named, n_values, joints)
         notes += (note,)
@@ -233,9 +234,22 @@ def _read_dataset(path: Path, options: LoadOptions) -> tuple[JointStates, Episod
         notes += left_out
     with reading(f"the column 'episode_index' of '{path}'", RecordingError):
         names: list[int | str] = [int(x) for x in indices.tolist()]
+    _check_episodes(path, options, names, damaged)
     if options.episodes is None:
         notes += _missing_episodes(total, names)
     return _states_of_episodes(path, column, named, frames, names, notes, options)
+
+
+def _check_episodes(
+    path: Path, options: LoadOptions, names: Sequence[int | str], damaged: Sequence[str] = ()
+) -> None:
+    """Reject a choice of episodes that are not among those of all samples."""
+    known = dict.fromkeys(names)
+    for one in options.episodes or ():
+        if not isinstance(one, int | str | np.integer) or one not in known:
+            valid = listed([str(name) for name in known])
+            wrong = f"'{path}' has no episode {shown(one)}; its episodes: {valid}"
+            raise RecordingError("; ".join([wrong, *damaged]))
 
 
 def _missing_episodes(total: object, names: Sequence[int | str]) -> tuple[str, ...]:
@@ -262,6 +276,7 @@ def _read_parquet(
     parts = []
     damaged: list[str] = []
     numbers = [int(x) for x in chosen or () if isinstance(x, int | np.integer)]
+    numbers = numbers if len(numbers) == len(chosen or ()) else []
     for file in files:
         try:
             with reading(f"'{file}'", RecordingError), open_regular(file) as stored:
@@ -277,9 +292,10 @@ def _read_parquet(
             damaged.append(f"left out: {error}")
             if len(damaged) == len(files):
                 raise
+    if not {*numbers} <= {x for part in parts for x in np.unique(part[:, 0])}:
+        return _read_parquet(path, columns, fps, None)  # so that the error names all episodes
     if not parts:
-        reasons = [f"no file of '{path}' holds one of the episodes {shown(chosen)}", *damaged]
-        raise RecordingError("; ".join(reasons))
+        raise RecordingError("; ".join([f"'{path}' holds no samples", *damaged]))
     if len({part.shape[1] for part in parts}) > 1:
         raise RecordingError(
             f"the files of '{path}' differ in the length of {quote_names(columns)}"
@@ -339,11 +355,6 @@ def _states_of_episodes(
     An episode begins where the name changes, or where the time is set back.
     """
     if options.episodes is not None:
-        known = dict.fromkeys(names)
-        for one in options.episodes:
-            if not isinstance(one, int | str | np.integer) or one not in known:
-                valid = listed([str(name) for name in known])
-                raise RecordingError(f"'{path}' has no episode {shown(one)}; its episodes: {valid}")
         rows = [row for row, name in enumerate(names) if name in options.episodes]
         frames, names = frames[rows], [names[row] for row in rows]
     starts = [

@@ -6,8 +6,10 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 import tracemalloc
 from collections.abc import Sequence
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -305,8 +307,11 @@ def test_packed_bags_of_a_folder_are_read_and_others_named(tmp_path: Path) -> No
     assert found.report.count("notes.txt") == 1
 
 
+@pytest.mark.parametrize("gripper", ["finger_joint", "drive_joint"])
 @pytest.mark.parametrize("how", ["rests", "alone", "with the arm"])
-def test_a_gripper_is_learned_where_it_moves_with_the_arm(tmp_path: Path, how: str) -> None:
+def test_a_gripper_is_learned_where_it_moves_with_the_arm(
+    tmp_path: Path, how: str, gripper: str
+) -> None:
     motions = reaches()
     arm = rested(motions, 2.0)  # rests of 2 s between motions of 2 s
     begins, lasts = (2.0, 2.0) if how == "with the arm" else (0.5, 1.0)
@@ -314,15 +319,50 @@ def test_a_gripper_is_learned_where_it_moves_with_the_arm(tmp_path: Path, how: s
     widths = [width for k in range(len(motions)) for width in ((0.0, 0.08), (0.08, 0.0))[k % 2]]
     width = np.interp(np.arange(len(arm)) / RATE, knots, widths)
     table = np.column_stack([arm, np.full(len(arm), 0.02) if how == "rests" else width])
-    names = (*NAMES, "finger_joint")
+    names = (*NAMES, gripper)
     write_joint_states(tmp_path / "t.mcap", "mcap", names, stamps(len(table)), table)
     found = mp.load_demonstrations(tmp_path / "t.mcap")
     assert len(found) == len(motions)
     assert found[0].joint_names == (names if how == "with the arm" else NAMES)
     why = {"rests": "they never move", "alone": "they move while the arm rests"}.get(how)
-    assert (f"joints left out, as {why}: 'finger_joint'" in found.report) == bool(why)
+    assert (f"joints left out, as {why}: '{gripper}'" in found.report) == bool(why)
     chosen = mp.load_demonstrations(tmp_path / "t.mcap", joints=names)
     assert chosen[0].joint_names == names
+
+
+def test_a_joint_that_never_moves_is_learned_only_where_it_is_chosen(tmp_path: Path) -> None:
+    table = np.column_stack([rested(reaches()), np.full(len(rested(reaches())), 0.4)])
+    path = write_csv(tmp_path / "t.csv", (*NAMES, "d"), [table])
+    found = mp.load_demonstrations(path)
+    assert found[0].joint_names == NAMES
+    assert "joints left out, as they never move: 'd'" in found.report
+    chosen = mp.load_demonstrations(path, joints=("d", *NAMES))
+    assert chosen[0].joint_names == ("d", *NAMES)
+    for one, other in zip(found, chosen, strict=True):
+        np.testing.assert_array_equal(one.positions, other.positions[:, 1:])
+
+
+def test_all_episodes_of_a_dataset_are_named_if_one_is_unknown(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "set", reaches(), list(NAMES), version="v2.1")
+    for episodes in ([0, 1, 99], [99], [2, "left"]):
+        with pytest.raises(RecordingError, match="its episodes: 0, 1, 2, 3, 4, 5"):
+            mp.load_demonstrations(folder, episodes=episodes)
+    (folder / "data/chunk-000/episode_000002.parquet").write_bytes(b"")
+    with pytest.raises(RecordingError, match=r"has no episode 2.*episode_000002.parquet"):
+        mp.load_demonstrations(folder, episodes=[1, 2])
+    assert [x.episode for x in mp.load_demonstrations(folder, episodes=[1, 4])] == [1, 4]
+
+
+def test_an_error_of_loading_shows_no_function_but_the_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write_dataset(tmp_path / "set", reaches(), list(NAMES))
+    for module in ("pyarrow", "pyarrow.parquet"):
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(mp.PlannerError, match=r"mp_pca_planner\[lerobot\]") as raised:
+        mp.load_demonstrations(folder)
+    assert len(raised.traceback) == 2  # this test, and load_demonstrations
+    assert {"episodes", "degrees", "rename"} <= {*signature(mp.load_demonstrations).parameters}
 
 
 def write_hostile(folder: Path, kind: str) -> Path:
