@@ -100,7 +100,8 @@ class JointLimits:
             if not low < high:
                 raise LimitsError(
                     f"{source}: the positions of joint '{name}' range from {low:g} to {high:g}, "
-                    "which leaves no room; the lower limit must be below the upper one"
+                    "which leaves no room; the lower limit must be below the upper one (set them "
+                    "in a limits file)"
                 )
 
     @property

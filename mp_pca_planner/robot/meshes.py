@@ -188,6 +188,7 @@ def package_folders(given: Sequence[Path], urdf: Path | None = None) -> list[Pat
 def _advice(resource: str) -> str:
     """What to do about a mesh that was not found."""
     scheme, _, rest = resource.rpartition("://")
+    rest = rest.lstrip("/") if scheme == "package" else rest
     if Path(rest).is_absolute():
         return "its path is of another machine; write one relative to the URDF, or package://"
     what = "it"
@@ -202,7 +203,8 @@ def _advice(resource: str) -> str:
 def _find_file(resource: str, folders: Sequence[Path]) -> Path | None:
     """The file of a mesh: beside or in a package of that name, or at a path in a folder."""
     scheme, mark, rest = resource.partition("://")
-    relative = Path(rest if mark else resource)
+    # Descriptions in circulation also write package:///package/path.
+    relative = Path((rest.lstrip("/") if scheme == "package" else rest) if mark else resource)
     if relative.is_absolute():
         return relative if relative.exists() else None
     candidates = [folder / relative for folder in folders]

@@ -264,8 +264,9 @@ class Robot:
     def _read_again(self, joint_names: Sequence[str], locked: Mapping[str, float]) -> Robot:
         """The robot with other joints moving, or others locked."""
         robot = Robot(self.urdf, joint_names, locked=locked, source=self._source)
-        robot.path = self.path
-        return robot.with_drives(self.drives)
+        robot.path, robot.drives = self.path, self.drives
+        robot._use(robot._model)
+        return robot
 
     def require_inertias(self, purpose: str, instead: str = "") -> None:
         """Reject a robot whose efforts can't be computed.
@@ -351,7 +352,7 @@ class Robot:
         return other
 
     def with_link_inertias(self, factors: FloatArray) -> Robot:
-        """The same robot with other masses and moments of inertia.
+        """The robot of the description with other masses and moments of inertia, without a payload.
 
         Parameters
         ----------

@@ -24,7 +24,7 @@ def write(tmp_path):
     ("limits", "message"),
     [
         ({"b": {"max_effort": 0.0}}, "max_effort of joint 'b'.*positive"),
-        ({"a": {"min_position": 1.0, "max_position": 1.0}}, "'a' range from 1 to 1"),
+        ({"a": {"min_position": 1.0, "max_position": 1.0}}, "'a' range from 1 to 1.*limits file"),
     ],
 )
 def test_bad_limits_are_rejected_by_joint(limits, message):

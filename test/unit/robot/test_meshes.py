@@ -258,9 +258,13 @@ def test_mesh_of_a_package_is_found(tmp_path, monkeypatch, folder):
     urdf = tmp_path / "robot" / ("clone-of-somebody" if "clone" in folder else "") / "urdf/r.urdf"
     urdf.parent.mkdir(parents=True)
     folders = package_folders([tmp_path / "given"], urdf)
-    mesh = '<mesh filename="package://somebody/meshes/floor.stl"/>'
-    robot = mp.Robot(URDF.replace(BALL, mesh, 1))
-    assert CollisionModel(robot, package_dirs=folders).has_geometry
+    robots = [
+        # With three slashes in talos_full_v2.urdf of example-robot-data.
+        mp.Robot(URDF.replace(BALL, f'<mesh filename="{start}somebody/meshes/floor.stl"/>', 1))
+        for start in ("package://", "package:///")
+    ]
+    assert all(CollisionModel(x, package_dirs=folders).has_geometry for x in robots)
     shutil.rmtree(package)
-    with pytest.raises(RobotError, match=r"holds the package 'somebody' by --package-dirs"):
-        CollisionModel(robot, package_dirs=folders)
+    for robot in robots:
+        with pytest.raises(RobotError, match=r"holds the package 'somebody' by --package-dirs"):
+            CollisionModel(robot, package_dirs=folders)

@@ -149,6 +149,9 @@ def test_a_limit_of_zero_in_the_urdf_is_rejected_when_it_matters():
     with pytest.raises(LimitsError, match="max_effort of joint 'finger' is 0"):
         robot.limits()
     assert robot.limits({"finger": {"max_effort": 5.0}}).effort.tolist() == [5.0]
+    others = robot.with_drives({"slide": {"armature": 0.1}}).with_joints(["slide", "swing"])
+    assert others.armature.tolist() == [0.1, 0.0]
+    assert others.locked_at({"finger": 0.02}).limits().effort.tolist() == [30.0, np.inf]
 
 
 @pytest.mark.parametrize(
