@@ -76,9 +76,11 @@ def test_first_obstacle_of_a_node_leaves_a_clear_motion_alone(
     set_domain(monkeypatch, 86)
     with benched(tmp_path) as bench:
         bench.client.set(duration=6.0)
-        moving = bench.send(GOAL)
+        bench.arrive(GOAL)  # in this time the watcher starts
+        moving = bench.send(START)
         wait_for_obstacles(bench, "1", "none", ball(np.array([0.0, 0.0, -3.0])))
-        assert bench.execution(moving)["outcome"] == "arrived"
+        report = bench.execution(moving)
+        assert report["outcome"] == "arrived", str(report)
 
 
 @pytest.fixture(scope="module")
