@@ -293,18 +293,9 @@ class MotionServer:
                 self._failed(attempt, f"the planner has ended ({message.reason})")
             self._go_on()
 
-    def stop_unwatched(self, reason: str) -> None:
-        """Stop the robot along its path: nobody looks out for obstacles."""
-        execution = self.execution
-        if execution is None or execution.is_stop:
-            return
-        if self.tracker.clock() < execution.motion.began + execution.motion.duration:
-            self._stop_for(reason)
-
-    def watch_again(self) -> None:
-        """Have the watcher check the running motion, as it starts anew."""
-        if self.watcher is not None and self.execution is not None and not self.execution.is_stop:
-            self._watch(self.execution.motion)
+    def use_watcher(self, watcher: Link | None) -> None:
+        """Have another watcher check the running motion, from the next tick on."""
+        self.watcher, self._watching = watcher, None
 
     # Stops.
 
@@ -325,9 +316,13 @@ class MotionServer:
         return self._stop(reason, max(self._threat_time() - self.tracker.clock(), 0.0))
 
     def release(self, reason: str) -> None:
-        """Stop the robot if it executes the motion of a goal."""
+        """Stop the robot if it may be executing the motion of a goal."""
         execution = self.execution
-        if execution is not None and not (execution.is_stop or execution.is_reported):
+        if execution is None or execution.is_stop:
+            return
+        # A slowed or held robot is on its way for longer; one that left its path may come back.
+        is_due = self.tracker.clock() < execution.motion.began + execution.motion.duration
+        if is_due or not execution.is_reported:
             self._stop_for(reason)
 
     def tick(self) -> None:
@@ -450,7 +445,7 @@ class MotionServer:
         if message.is_preempted and attempt.is_detour:
             return
         if message.is_preempted:
-            self._overtaken(attempt.request)
+            self._drop(attempt.request)
         elif message.values.get("status") == ALREADY_THERE and not attempt.is_detour:
             name, reason = attempt.request.name, message.reason
             self._conclude(GoalOutcome.UNDER_WAY, name, reason, message)
@@ -478,7 +473,7 @@ class MotionServer:
                 attempt.lookahead = 2.0 * max(now - attempt.began, attempt.lookahead)
                 self._begin(attempt)
             elif not attempt.is_detour:
-                self._overtaken(attempt.request)
+                self._drop(attempt.request)
             return
         self._may_cancel, reason = True, self._verdict.reason
         detour = f"it took a detour, because {reason}" if attempt.is_detour else ""
@@ -655,22 +650,20 @@ class MotionServer:
         """Count and report a goal that is not served."""
         self._conclude(GoalOutcome.REFUSED, name, reason, why)
 
-    def _overtaken(self, request: GoalRequest) -> None:
-        text = "preempted: a newer goal or a stop came before its motion was planned"
-        self._conclude(GoalOutcome.OVERTAKEN, request.name, text)
-
     def _drop_waiting(self, reason: str = "") -> None:
-        """Drop the goals that wait: with a reason they are refused, else overtaken."""
+        """Drop the goals that wait."""
         waiting = [self._waiting, self._retry.request if self._retry else None]
         self._waiting = self._retry = None
         for request in filter(None, waiting):
             self._drop(request, reason)
 
-    def _drop(self, request: GoalRequest, reason: str) -> None:
+    def _drop(self, request: GoalRequest, reason: str = "") -> None:
+        """Report a goal that is not planned for: with a reason it is refused, else overtaken."""
         if reason:
             self.refuse(request.name, f"{reason}; send the goal again")
-        else:
-            self._overtaken(request)
+            return
+        text = "preempted: a newer goal or a stop came before its motion was planned"
+        self._conclude(GoalOutcome.OVERTAKEN, request.name, text)
 
     def _conclude(
         self,

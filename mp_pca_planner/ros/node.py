@@ -53,7 +53,7 @@ from .controller import (
     to_command,
 )
 from .goals import GOAL_TOPICS, GoalTopic, read_stamp
-from .markers import Frames, Markers
+from .markers import Frames
 from .messages import (
     to_execution_report,
     to_goal_report,
@@ -299,6 +299,7 @@ class PlannerNode(Node):
     def _tick(self) -> None:
         """Look at the robot."""
         self._poll()
+        self._watch_robot()
         self._poll_obstacles()
         self._action.watch()
         self._server.tick()
@@ -312,12 +313,12 @@ class PlannerNode(Node):
         """Hand the markers that have arrived to the workers."""
         if self._workers.backlog > _MOST_MARKERS:
             return
-        for content, stamp, is_late in self._markers.poll():
-            self._workers.send_obstacles(Markers(content, stamp, is_late))
+        for message in self._markers.poll():
+            self._workers.send_obstacles(message)
             if not self._workers.is_watching:
-                self._server.stop_unwatched("the watcher of obstacles is being started")
+                self._server.release("the watcher of obstacles is being started")
             elif self._server.watcher is None:
-                self._use_watcher()
+                self._server.use_watcher(self._watcher)
 
     def _follow_frames(self) -> None:
         """Look up the frames of obstacles that are neither links nor fixed."""
@@ -332,31 +333,21 @@ class PlannerNode(Node):
     def _watch_robot(self) -> None:
         """Tell the watcher which robot it watches, if that is another one."""
         model = self._server.model
-        if model is None:
-            return
-        urdf, settings = self._settings.robot_description or self._description, self._settings
-        names, locked = model.robot.joint_names, dict(model.facts.locked)
-        self._workers.watch(WatchedRobot(urdf, names, locked, settings))
-
-    def _use_watcher(self) -> None:
-        """Have the running motion watched; without obstacles there is nothing to watch for."""
-        self._server.watcher = self._watcher
-        self._server.watch_again()
+        if model is not None:
+            urdf = self._settings.robot_description or self._description
+            names, locked = model.robot.joint_names, dict(model.facts.locked)
+            self._workers.watch(WatchedRobot(urdf, names, locked, self._settings))
 
     def _on_worker(self, role: str, message: object) -> None:
         """Handle what a worker says."""
         match message:
-            case Planned() | Rejected():
+            case Planned() | Rejected() | Verdict():
                 self._poll()
                 self._server.answer(message)
-                self._watch_robot()
-            case Verdict():
-                self._poll()
-                self._server.answer(message)
-                self._server.tick()  # now, because an obstacle may be near
+                if isinstance(message, Verdict):
+                    self._server.tick()  # now, because an obstacle may be near
             case ModelFacts():
                 self._server.learn(message)
-                self._watch_robot()
             case WorldFacts():
                 if message.missing and message.missing != self._world.missing:
                     text = f"obstacles: {message.missing}"
@@ -370,7 +361,7 @@ class PlannerNode(Node):
                 self._server.hold = self._hold
             case SetUpDone():
                 if self._workers.has_obstacles:
-                    self._use_watcher()
+                    self._server.use_watcher(self._watcher)
             case InternalError():
                 self._log_internal(message.text)
             case WorkerDied() if role == PLANNER:
@@ -380,11 +371,10 @@ class PlannerNode(Node):
                 self._planner.send(self._set_up_of(0, self._settings))
             case WorkerDied():
                 self.get_logger().error(f"the watcher of obstacles has ended: {message.reason}")
-                self._server.watcher = None
+                self._server.use_watcher(None)
                 if self._workers.has_obstacles:
                     reason = f"the watcher of obstacles has ended ({message.reason})"
-                    self._server.stop_unwatched(reason)
-                self._watch_robot()
+                    self._server.release(reason)
 
     def _log_internal(self, text: str) -> None:
         self.n_internal_errors += 1
@@ -423,7 +413,6 @@ class PlannerNode(Node):
             robot = robot.with_drives(done.model.drives)
             model = NodeModel(robot, done.model, settings)
         self._server.use(model, done.joint_names)
-        self._watch_robot()
         self._use_controller()
         self._log_readiness()
 

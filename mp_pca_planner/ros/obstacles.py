@@ -23,6 +23,7 @@ from visualization_msgs.msg import MarkerArray
 from ..arrays import FloatArray
 from ..execution.parameters import fixed_frames
 from ..execution.server import NodeModel
+from .markers import Markers
 from .nodes import LOG_PERIOD, PolledSubscription
 
 _MOST_BYTES = 1_000_000  # at a time: to take 13 MB keeps the node busy for 45 ms
@@ -31,11 +32,6 @@ _DISCOVERY_PERIOD = 0.1  # [s]
 # Time after which a subscription that is not lasting has received what it can [s]: publishers
 # discover it within 3 s.
 _FETCHING = 5.0
-
-
-MarkerMessage = tuple[bytes, int, bool]
-"""A serialised message of markers, when it was sent [ns], and whether it may be older than others
-because it was latched."""
 
 
 class MarkerSubscription:
@@ -58,14 +54,14 @@ class MarkerSubscription:
         self._known: set[bytes] = set()
         self._discovered = 0.0
 
-    def poll(self) -> list[MarkerMessage]:
+    def poll(self) -> list[Markers]:
         """Return the messages that have arrived; a message may be returned twice."""
         now = time.monotonic()
         if now - self._discovered >= _DISCOVERY_PERIOD:
             self._discovered = now
             self._follow_publishers(now)
         messages = [
-            (bytes(content), facts["source_timestamp"], is_latched)
+            Markers(bytes(content), facts["source_timestamp"], is_latched)
             for subscription, is_latched, _ in self._open
             for content, facts in subscription.poll(_MOST_BYTES)
         ]

@@ -209,8 +209,7 @@ class VirtualNode:
         if len(world):
             if self.server.watcher is None:
                 in_world(self._model, world)
-                self.server.watcher = self.watcher
-                self.server.watch_again()
+                self.server.use_watcher(self.watcher)
             self.watcher.look()
 
     def at(self, delay: float, action: Callable[[], None]) -> None:

@@ -310,15 +310,29 @@ def test_goal_whose_planner_dies_is_refused_and_the_next_one_served(node):
 def test_robot_stops_along_its_path_when_nobody_looks_out_for_obstacles(node):
     node.ask(GOAL)
     node.run(0.4)
-    node.server.stop_unwatched("the watcher has ended")
+    node.server.release("the watcher has ended")
     (said,) = node.logged
     assert "the watcher has ended" in said and "on its path" in said
     node.run(3.0)
     node.assert_smooth()
     assert node.outcomes == ["stopped"]
     assert np.abs(node.commanded - GOAL).max() > 0.05
-    node.server.stop_unwatched("the watcher has ended")
+    node.server.release("the watcher has ended")
     assert len(node.sent) == 2
+
+
+def test_slowed_robot_stops_when_nobody_looks_out_for_obstacles_after_the_time_of_its_motion(either):
+    either.ask(GOAL)
+    either.run(0.2)
+    duration = either.server.execution.motion.duration
+    either.robot.faults.speed_scaling = 0.3
+    either.run(duration)
+    assert either.robot.record.v[-1].any()
+    either.server.release("the watcher has ended")
+    either.robot.faults.speed_scaling = 1.0
+    either.run(3.0)
+    assert either.outcomes == ["stopped"]
+    assert np.abs(either.commanded - GOAL).max() > 0.05
 
 
 # What becomes of motions
