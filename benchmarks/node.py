@@ -23,6 +23,7 @@ from subprocess import Popen
 import numpy as np
 from sensor_msgs.msg import JointState
 from support.nodes import (
+    Answer,
     NodeClient,
     arm_node,
     described_client,
@@ -37,7 +38,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.ros.client import Answer, this_machine_only
+from mp_pca_planner.ros.client import this_machine_only
 from mp_pca_planner.ros.nodes import LATCHED
 
 RATES = (20.0, 1000.0)  # of joint states [Hz]

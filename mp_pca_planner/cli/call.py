@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ..ros.client import GoalClient
 
     with GoalClient(arguments.command, arguments.namespace, arguments.node) as client:
-        client.wait_for_node(arguments.timeout, with_trajectory=False)
+        client.wait_for_node(arguments.timeout)
         answer = client.call(_SERVICES[arguments.service], arguments.timeout)
     if arguments.json:
         print_json({"success": answer.success, "message": answer.message})

@@ -180,24 +180,23 @@ def _children(*commands: Sequence[str]) -> Iterator[None]:
 def _execute(goals: Sequence[FloatArray]) -> tuple[list[Trajectory], bool]:
     """Send goals one after the other; returns the motions, and whether the robot always arrived."""
     from sensor_msgs.msg import JointState
+    from trajectory_msgs.msg import JointTrajectory
 
-    from ..ros.client import READY, GoalClient, report_values
+    from ..ros.client import DEPTH, READY, GoalClient, report_values
     from ..ros.messages import to_trajectory
 
-    motions, has_arrived = list[Trajectory](), True
+    received, has_arrived = list[JointTrajectory](), True
     with GoalClient() as client:
+        topic = f"{client.planner}/joint_trajectory"
+        client.node.create_subscription(JointTrajectory, topic, received.append, DEPTH)
         client.wait_for_node()
         client.wait_for_diagnostics(lambda values: values["text"] == READY)
         for number, goal in enumerate(goals, start=1):
             message = JointState(name=list(JOINT_NAMES), position=goal.tolist())
             message.header.stamp = client.node.get_clock().now().to_msg()
-            answer = client.send(message)
-            execution, took, outcome = client.execution(answer), "", ""
-            if answer.trajectory is not None and answer.latency is not None:
-                motions.append(to_trajectory(answer.trajectory))
-                took = f" (received after {1e3 * answer.latency:.0f} ms)"
-            if execution is not None:
-                outcome = report_values(execution)["outcome"]
+            report = client.send(message)
+            execution = client.execution(report)
+            outcome = "" if execution is None else report_values(execution)["outcome"]
             has_arrived &= outcome == MotionOutcome.ARRIVED
-            say(f"   goal {number}: {answer.report.message}{took}; {outcome}")
-    return motions, has_arrived
+            say(f"   goal {number}: {report.message}; {outcome}")
+    return [to_trajectory(motion) for motion in received], has_arrived

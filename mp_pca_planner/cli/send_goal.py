@@ -70,17 +70,16 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
     stamp = message.header.stamp
     stamp.sec, stamp.nanosec = divmod(time.time_ns(), 10**9)
     longest = arguments.wait or arguments.timeout
-    client.wait_for_node(longest, with_trajectory=False)
+    client.wait_for_node(longest)
     # A node that has just started waits for its robot first.
     client.wait_for_diagnostics(lambda found: not found["text"].startswith(WAITING), longest)
-    answer = client.send(message, arguments.timeout, with_trajectory=False)
-    found = answer.report
-    facts: dict[str, Any] = {"message": found.message, **answer.values}
+    found = client.send(message, arguments.timeout)
+    facts: dict[str, Any] = {"message": found.message, **report_values(found)}
     if not arguments.json:
         say(found.message)
     status = DONE if is_served(found) else FAILED
     margin = arguments.wait or _MARGIN
-    execution = None if arguments.wait == 0.0 else client.execution(answer, margin)
+    execution = None if arguments.wait == 0.0 else client.execution(found, margin)
     if execution is not None:
         values = report_values(execution)
         facts["execution"] = {"message": execution.message, **values}
@@ -112,7 +111,7 @@ def _joint_message(arguments: argparse.Namespace, client: GoalClient) -> Any:
     if not names:  # those of the node, as the robot description has them
         read_numbers(text, "the goal, name=value,… or a list,")
         longest = arguments.wait or arguments.timeout
-        client.wait_for_node(longest, with_trajectory=False)
+        client.wait_for_node(longest)
         values = client.wait_for_diagnostics(lambda x: x.get("joints", "none") != "none", longest)
         names = values["joints"].split(", ")
 

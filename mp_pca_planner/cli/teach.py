@@ -95,7 +95,7 @@ def _try(arguments: argparse.Namespace, session: TeachingSession, keys: Keys) ->
     names, goal, goal_words = session.first_goal()
     try:
         with GoalClient("teach_goal", arguments.namespace, arguments.node) as robot:
-            robot.wait_for_node(arguments.timeout, with_trajectory=False)
+            robot.wait_for_node(arguments.timeout)
             reloaded = robot.call("reload_primitives", arguments.timeout)
             say(reloaded.message)
             if not reloaded.success:
@@ -108,11 +108,11 @@ def _try(arguments: argparse.Namespace, session: TeachingSession, keys: Keys) ->
                 say("not sent")
                 return DONE
             goals = dict(zip(names, goal.tolist(), strict=True))
-            answer = robot.move(arguments.output.stem, goals, arguments.timeout)
-            say(answer.report.message)
-            if not is_served(answer.report):
+            report = robot.move(arguments.output.stem, goals, arguments.timeout)
+            say(report.message)
+            if not is_served(report):
                 return REFUSED
-            execution = robot.execution(answer)
+            execution = robot.execution(report)
             say("" if execution is None else execution.message)
     except NoAnswerError as error:
         complain(f"{PROGRAM} teach: the primitive is built, but {error}")

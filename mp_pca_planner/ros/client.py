@@ -7,7 +7,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, Self
 
 import rclpy
@@ -16,7 +15,6 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from sensor_msgs.msg import JointState
@@ -45,30 +43,6 @@ WAITING = "waiting for "
 """Begin of the sentence in the diagnostics of a node that waits for its robot."""
 
 _TOPIC_NAMES = {topic.message_type: topic.name for topic in GOAL_TOPICS}
-
-
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """The node's answer to a goal.
-
-    Attributes
-    ----------
-    report : DiagnosticStatus
-        The report of the goal.
-    trajectory : JointTrajectory or None
-        The motion; None if the goal is rejected or its motion is under way already.
-    latency : float or None
-        Time from sending the goal until the middleware of the client receives the motion [s].
-    """
-
-    report: DiagnosticStatus
-    trajectory: JointTrajectory | None
-    latency: float | None
-
-    @property
-    def values(self) -> dict[str, str]:
-        """The values of the report by name."""
-        return report_values(self.report)
 
 
 def this_machine_only(domain: int | None = None) -> dict[str, str]:
@@ -125,11 +99,6 @@ def _unreadiness(text: str) -> str:
     hint = "; is the driver of the robot, or 'mp-pca simulate', running?"
     hint *= text.startswith(WAITING)
     return f"is not ready ({text}{hint})"
-
-
-def _time_received(facts: dict[str, int]) -> float:
-    # Not every middleware reports the time.
-    return 1e-9 * (facts["received_timestamp"] or time.time_ns())
 
 
 class NoAnswerError(PlannerError, TimeoutError):
@@ -223,21 +192,20 @@ class GoalClient(NodeInOwnContext):
 
     Attributes
     ----------
-    trajectories, reports, diagnostics : list of JointTrajectory, DiagnosticStatus, DiagnosticArray
+    reports, executions : list of DiagnosticStatus
+        All reports of goals and of motions that were received, the newest last.
+    diagnostics : list of DiagnosticArray
         All that were received, the newest last.
-    executions : list of DiagnosticStatus
-        All reports of executions that were received, the newest last.
     """
 
     def __init__(
         self, name: str = "goal_client", namespace: str = "", planner: str = NODE_NAME
     ) -> None:
         super().__init__(name, namespace, planner)
-        self.trajectories: list[JointTrajectory] = []
         self.reports: list[DiagnosticStatus] = []
-        self.diagnostics: list[DiagnosticArray] = []
         self.executions: list[DiagnosticStatus] = []
-        self._trajectory_received = self._diagnostics_received = 0.0
+        self.diagnostics: list[DiagnosticArray] = []
+        self._diagnostics_received = 0.0
         node = self.node
         self._publishers = {
             topic.name: node.create_publisher(topic.message_type, f"{planner}/{topic.name}", 1)
@@ -248,10 +216,7 @@ class GoalClient(NodeInOwnContext):
             for name in ("reload_primitives", "stop", "save_motion")
         }
         # rclpy's types lack callbacks that get the facts about a message as well.
-        on_trajectory: Any = self._on_trajectory
         on_diagnostics: Any = self._on_diagnostics
-        topic = f"{planner}/joint_trajectory"
-        node.create_subscription(JointTrajectory, topic, on_trajectory, DEPTH, raw=True)
         node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, DEPTH)
         for name, received in (
             ("plan_report", self.reports),
@@ -259,26 +224,19 @@ class GoalClient(NodeInOwnContext):
         ):
             node.create_subscription(DiagnosticStatus, f"{planner}/{name}", received.append, DEPTH)
 
-    def wait_for_node(self, timeout: float = 30.0, *, with_trajectory: bool = True) -> None:
-        """Wait until every topic and service is matched.
-
-        Parameters
-        ----------
-        timeout : float
-            Longest time to wait [s].
-        with_trajectory : bool
-            Whether to wait for the topic of motions, too, which may be remapped to a controller's.
+    def wait_for_node(self, timeout: float = 30.0) -> None:
+        """Wait until goals, reports and services are matched.
 
         Raises
         ------
         NoAnswerError
-            If that takes longer than `timeout`.
+            If that takes longer than `timeout` [s].
         """
-        topics = ("joint_trajectory", "plan_report") if with_trajectory else ("plan_report",)
+        topic = f"{self.planner}/plan_report"
         self.wait(
             lambda: (
                 all(p.get_subscription_count() for p in self._publishers.values())
-                and all(self.node.count_publishers(f"{self.planner}/{topic}") for topic in topics)
+                and self.node.count_publishers(topic) > 0
                 and all(client.service_is_ready() for client in self._services.values())
             ),
             timeout,
@@ -290,43 +248,18 @@ class GoalClient(NodeInOwnContext):
         self._publishers[_TOPIC_NAMES[type(goal)]].publish(goal)
 
     def send(
-        self,
-        goal: JointState | PoseStamped | JointTrajectory,
-        timeout: float = 10.0,
-        *,
-        with_trajectory: bool = True,
-    ) -> Answer:
-        """Send a goal and wait for its report, and for its motion if there is one.
-
-        Parameters
-        ----------
-        goal :
-            The goal; its stamp identifies its report.
-        timeout : float
-            Longest time to wait [s].
-        with_trajectory : bool
-            Whether to wait for the motion. If its topic is remapped, there is no wait for it.
+        self, goal: JointState | PoseStamped | JointTrajectory, timeout: float = 10.0
+    ) -> DiagnosticStatus:
+        """Send a goal and wait for its report, which its stamp identifies.
 
         Raises
         ------
         NoAnswerError
-            If that takes longer than `timeout`.
+            If that takes longer than `timeout` [s].
         """
-        n_reports, n_trajectories = len(self.reports), len(self.trajectories)
-        stamp, sent = to_stamp_text(goal.header.stamp), time.time()
+        n_before, stamp = len(self.reports), to_stamp_text(goal.header.stamp)
         self.publish_goal(goal)
-
-        def own_report() -> DiagnosticStatus | None:
-            new = self.reports[n_reports:]
-            return next((r for r in new if report_values(r).get("goal_stamp") == stamp), None)
-
-        self.wait(lambda: own_report() is not None, timeout, "did not report")
-        report = own_report()
-        is_under_way = report_values(report).get("status") == GoalOutcome.UNDER_WAY
-        if not with_trajectory or is_under_way or not is_served(report):
-            return Answer(report, None, None)
-        trajectory = self.next_trajectory(n_trajectories, timeout)
-        return Answer(report, trajectory, trajectory and self._trajectory_received - sent)
+        return self._report_of(stamp, self.reports, n_before, timeout, "did not report")
 
     def send_obstacles(
         self, world: World, *, clear: bool = False, timeout: float = 10.0
@@ -411,14 +344,7 @@ class GoalClient(NodeInOwnContext):
         )
         return values()
 
-    def next_trajectory(self, n_before: int, timeout: float) -> JointTrajectory | None:
-        """Wait for a motion after the first `n_before`; None if their topic is remapped."""
-        if not self.node.count_publishers(f"{self.planner}/joint_trajectory"):
-            return None
-        self.wait(lambda: len(self.trajectories) > n_before, timeout, "published no trajectory")
-        return self.trajectories[-1]
-
-    def move(self, primitive: str, goal: Mapping[str, float], timeout: float) -> Answer:
+    def move(self, primitive: str, goal: Mapping[str, float], timeout: float) -> DiagnosticStatus:
         """Send a goal configuration by joint name [rad or m], for one primitive.
 
         Raises
@@ -431,15 +357,15 @@ class GoalClient(NodeInOwnContext):
         message.header.frame_id = primitive
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(time.time_ns(), NS_PER_S)
-        return self.send(message, timeout, with_trajectory=False)
+        return self.send(message, timeout)
 
-    def execution(self, answer: Answer, margin: float = 30.0) -> DiagnosticStatus | None:
+    def execution(self, report: DiagnosticStatus, margin: float = 30.0) -> DiagnosticStatus | None:
         """The report on the execution of a motion; None if nothing was published.
 
         Parameters
         ----------
-        answer : Answer
-            The answer to its goal.
+        report : DiagnosticStatus
+            The report of its goal.
         margin : float
             Longest time from the end of the motion to its report [s].
 
@@ -448,21 +374,30 @@ class GoalClient(NodeInOwnContext):
         NoAnswerError
             If its execution is not reported.
         """
-        is_under_way = answer.values.get("status") == GoalOutcome.UNDER_WAY
-        if not is_served(answer.report) or is_under_way:
+        values = report_values(report)
+        if not is_served(report) or values.get("status") == GoalOutcome.UNDER_WAY:
             return None
-        duration, stamp = float(answer.values["duration"]), answer.values["goal_stamp"]
+        timeout, complaint = float(values["duration"]) + margin, "did not report the execution"
+        return self._report_of(values["goal_stamp"], self.executions, 0, timeout, complaint)
+
+    def _report_of(
+        self,
+        stamp: str,
+        reports: list[DiagnosticStatus],
+        n_before: int,
+        timeout: float,
+        complaint: str,
+    ) -> DiagnosticStatus:
+        """Wait for a report, after the first `n_before`, on the goal with a stamp."""
 
         def own() -> list[DiagnosticStatus]:
-            return [one for one in self.executions if report_values(one)["goal_stamp"] == stamp]
+            new = reports[n_before:]
+            return [one for one in new if report_values(one).get("goal_stamp") == stamp]
 
-        self.wait(lambda: bool(own()), duration + margin, "did not report the execution")
+        self.wait(lambda: bool(own()), timeout, complaint)
         return own()[0]
 
-    def _on_trajectory(self, message: bytes, facts: dict[str, int]) -> None:
-        self._trajectory_received = _time_received(facts)
-        self.trajectories.append(deserialize_message(message, JointTrajectory))
-
     def _on_diagnostics(self, message: DiagnosticArray, facts: dict[str, int]) -> None:
-        self._diagnostics_received = _time_received(facts)
+        # Not every middleware reports the time.
+        self._diagnostics_received = 1e-9 * (facts["received_timestamp"] or time.time_ns())
         self.diagnostics.append(message)

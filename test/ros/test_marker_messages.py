@@ -43,7 +43,7 @@ from mp_pca_planner.ros.markers import (
     read_markers,
     to_obstacle,
 )
-from mp_pca_planner.ros.obstacles import MarkerMessage, MarkerSubscription
+from mp_pca_planner.ros.obstacles import MarkerSubscription
 from mp_pca_planner.ros.world_markers import to_obstacle_markers
 
 MODEL = assemble_model(URDF, [arm_primitive()], Settings())
@@ -269,7 +269,7 @@ class Listener:
 
     def __init__(self, node: Node, sender: Node) -> None:
         self.subscription = MarkerSubscription(node, "markers")
-        self.numbers: dict[int, MarkerMessage] = {}
+        self.numbers: dict[int, Markers] = {}
         self._executor = SingleThreadedExecutor(context=sender.context)
         self._executor.add_node(sender)
 
@@ -279,7 +279,7 @@ class Listener:
             assert time.monotonic() < deadline
             self._executor.spin_once(0.01)
             for message in self.subscription.poll():
-                for marker in read_markers(message[0]):
+                for marker in read_markers(message.content):
                     self.numbers[marker.id] = message
 
     def until_it_hears(self, publisher: Publisher, number: int) -> None:
@@ -318,8 +318,7 @@ def test_latched_markers_are_heard_late_beside_other_publishers(
     latched.send(1)
     listener = Listener(*nodes)
     listener.until(lambda: 1 in listener.numbers)
-    *_, is_late = listener.numbers[1]
-    assert is_late
+    assert listener.numbers[1].is_late
     listener.until_it_hears(live, 2)
     listener.until_it_hears(latched, 3)
     assert latched.n_incompatible == 0

@@ -34,6 +34,7 @@ from support.nodes import (
     GOAL,
     PATIENCE,
     START,
+    Answer,
     NodeClient,
     call,
     column,
@@ -57,7 +58,6 @@ from mp_pca_planner.cli.main import main
 from mp_pca_planner.execution.parameters import DECLARATIONS
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
-from mp_pca_planner.ros.client import Answer
 
 # Motions from rest start so long after the stamp of their message [ns].
 WAIT = 20_000_000
@@ -441,7 +441,7 @@ def test_each_goal_of_a_burst_gets_its_report_and_the_newest_good_one_is_not_ove
             while len(client.reports) < 10:
                 assert time.monotonic() < deadline
                 client.spin_once(0.1)
-            found = [Answer(report, None, None).values for report in client.reports]
+            found = [Answer(report).values for report in client.reports]
             status = {values["goal_stamp"][-1]: values["status"] for values in found}
             assert len(status) == 10
             assert {status[number] for number in "0369"} == {"refused"}

@@ -17,6 +17,7 @@ from sensor_msgs.msg import JointState
 from support.arm import JOINTS, arm_primitive
 from support.nodes import (
     START,
+    Answer,
     NodeClient,
     arm_node,
     call,
@@ -27,7 +28,7 @@ from support.nodes import (
 )
 from support.patience import HANG, NODE_EVER
 
-from mp_pca_planner.ros.client import Answer, is_served, report_values
+from mp_pca_planner.ros.client import is_served, report_values
 
 LIMITS = {"velocity": 3.0, "acceleration": 15.0}
 SLOW = 20.0  # duration of a motion that is stopped long before its end [s]

@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from subprocess import Popen
@@ -20,11 +20,12 @@ from typing import IO, Any
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -34,9 +35,10 @@ from support.patience import HANG, NODE_EVER
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
+from mp_pca_planner.execution.outcomes import GoalOutcome
 from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.ros.client import GoalClient
+from mp_pca_planner.ros.client import DEPTH, GoalClient, is_served, report_values
 from mp_pca_planner.ros.nodes import LATCHED
 
 MOTION = arm_primitive().boundary_states[0]
@@ -60,18 +62,35 @@ def words(**parameters: object) -> tuple[str, ...]:
     return tuple(word for k, v in parameters.items() for word in ("-p", f"{k}:={v}"))
 
 
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The report on a goal, and its motion and the time until that was received [s], if any."""
+
+    report: DiagnosticStatus
+    trajectory: JointTrajectory | None = None
+    latency: float | None = None
+
+    @property
+    def values(self) -> dict[str, str]:
+        return report_values(self.report)
+
+
 class NodeClient(GoalClient):
     """A client that plays the robot and the operator, too.
 
     Attributes
     ----------
-    previews : list of MarkerArray
+    trajectories, previews : list of JointTrajectory, MarkerArray
         All that were received, the newest last.
     """
 
     def __init__(self, *arguments: str, joint_states: str = "joint_states", **names: str) -> None:
         super().__init__(*arguments, **names)
         node = self.node
+        self.trajectories: list[JointTrajectory] = []
+        self._received = 0.0
+        topic = f"{self.planner}/joint_trajectory"
+        node.create_subscription(JointTrajectory, topic, self._on_trajectory, DEPTH, raw=True)
         self._publishers |= {
             "joint_states": node.create_publisher(JointState, joint_states, 1),
             "robot_description": node.create_publisher(String, "robot_description", LATCHED),
@@ -81,6 +100,35 @@ class NodeClient(GoalClient):
         self._services["set_parameters"] = node.create_client(SetParameters, parameters)
         preview = f"{self.planner}/preview"
         node.create_subscription(MarkerArray, preview, self.previews.append, LATCHED)
+
+    def _on_trajectory(self, message: bytes, facts: dict[str, int]) -> None:
+        self._received = 1e-9 * (facts["received_timestamp"] or time.time_ns())
+        self.trajectories.append(deserialize_message(message, JointTrajectory))
+
+    def wait_for_node(self, timeout: float = 30.0, *, with_trajectory: bool = True) -> None:
+        """Wait until the node is there, with the topic of motions unless that is remapped."""
+        super().wait_for_node(timeout)
+        self.wait(lambda: not with_trajectory or self._has_motions(), timeout, "is not there")
+
+    def _has_motions(self) -> bool:
+        return self.node.count_publishers(f"{self.planner}/joint_trajectory") > 0
+
+    def send(self, goal: Any, timeout: float = 10.0, *, with_trajectory: bool = True) -> Answer:
+        """The answer to a goal, with its motion unless the topic of motions is remapped."""
+        n_before, sent = len(self.trajectories), time.time()
+        report = super().send(goal, timeout)
+        is_under_way = report_values(report).get("status") == GoalOutcome.UNDER_WAY
+        if not with_trajectory or is_under_way or not is_served(report):
+            return Answer(report)
+        trajectory = self.next_trajectory(n_before, timeout)
+        return Answer(report, trajectory, trajectory and self._received - sent)
+
+    def next_trajectory(self, n_before: int, timeout: float) -> JointTrajectory | None:
+        """A motion after the first `n_before`; None if their topic is remapped."""
+        if not self._has_motions():
+            return None
+        self.wait(lambda: len(self.trajectories) > n_before, timeout, "published no trajectory")
+        return self.trajectories[-1]
 
     def publish(self, topic: str, message: Any) -> None:
         """Publish on a goal topic, ``joint_states`` or ``robot_description``."""

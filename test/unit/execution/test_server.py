@@ -321,7 +321,7 @@ def test_robot_stops_along_its_path_when_nobody_looks_out_for_obstacles(node):
     assert len(node.sent) == 2
 
 
-def test_slowed_robot_stops_when_nobody_looks_out_for_obstacles_after_the_time_of_its_motion(either):
+def test_slowed_robot_stops_after_the_time_of_its_motion_when_nobody_looks_out(either):
     either.ask(GOAL)
     either.run(0.2)
     duration = either.server.execution.motion.duration
