@@ -49,7 +49,8 @@ class PublishedMotion:
     is_timed : bool
         Whether that point belongs to that time, not to the arrival of the message.
     is_path_known : bool
-        Whether the controller follows its path, not only leads to its end.
+        Whether the controller follows its path. Else only the last point is sent, to which the
+        controller leads by a path of its own.
     """
 
     trajectory: Trajectory
@@ -92,11 +93,6 @@ class PublishedMotion:
     def stamp(self) -> float | None:
         """The time for the header of the message [s], if there is one."""
         return self.time if self.is_timed else None
-
-    @property
-    def last_point_only(self) -> bool:
-        """Whether only the last point is sent, to which the controller interpolates by itself."""
-        return self.sent.n_steps == 1 or not self.is_path_known
 
     @property
     def duration(self) -> float:

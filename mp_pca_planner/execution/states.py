@@ -225,9 +225,9 @@ class MeasuredStates:
         age : float
             Time since the message was received [s].
         """
-        names, received, now = tuple(joint_names), self._receipt_clock() - age, self._node_clock()
+        names, received = tuple(joint_names), self._receipt_clock() - age
         if stamp:
-            self.stamps.compare(stamp, now, received)
+            self.stamps.compare(stamp, self._node_clock(), received)
         source = self._sources.get(names)
         if source is None:
             own = tuple(name for name in self.joint_names if names.count(name) == 1)
@@ -239,11 +239,14 @@ class MeasuredStates:
             pairs = zip(names, positions, strict=True)
             self.others |= {n: q for n, q in pairs if n not in own and math.isfinite(q)}
         if own:
-            measured = stamp if stamp and self.stamps.is_usable else now - age
-            source.receive(positions, velocities, measured, received)
+            source.receive(positions, velocities, self.time_of(stamp, age), received)
             self.n_unusable += not source.is_usable
         else:
             self.n_incomplete += 1
+
+    def time_of(self, stamp: float, age: float) -> float:
+        """When a message was sent, by the clock of the node [s]: its stamp, or its receipt."""
+        return stamp if stamp and self.stamps.is_usable else self._node_clock() - age
 
     @property
     def age(self) -> float | None:

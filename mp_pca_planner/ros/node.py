@@ -279,22 +279,20 @@ class PlannerNode(Node):
         """
         last, self._polled = self._polled, time.monotonic()
         longest = self._polled - last
-        now = self.seconds()
+        measured = self._tracker.measured
         if self._controller is not None:
             for content, facts in self._controller[1].poll():
-                stamp = to_seconds(read_stamp(content))
-                sent = stamp if stamp and self._tracker.measured.stamps.is_usable else 0.0
-                then = sent or now - message_age(facts, longest)
+                stamp, age = to_seconds(read_stamp(content)), message_age(facts, longest)
+                then = measured.time_of(stamp, age)
                 self._tracker.controller.receive(partial(to_command, content), then)
         for content, facts in thinned(self._states.poll()):
             try:
                 message = deserialize_message(content, JointState)
             except RuntimeError:  # what is no message
-                self._tracker.measured.n_unusable += 1
+                measured.n_unusable += 1
                 continue
-            stamp = to_seconds(message.header.stamp)
-            values = message.name, message.position, message.velocity
-            self._tracker.measured.receive(*values, stamp, message_age(facts, longest))
+            stamp, age = to_seconds(message.header.stamp), message_age(facts, longest)
+            measured.receive(message.name, message.position, message.velocity, stamp, age)
 
     def _tick(self) -> None:
         """Look at the robot."""
@@ -359,6 +357,9 @@ class PlannerNode(Node):
                     self._preview.publish(message.content)
             case SetUpDone() if role == PLANNER:  # it was started again
                 self._server.hold = self._hold
+                # Where it had ended during a set-up with another robot description.
+                if self._server.model is None and message.model is not None:
+                    self._adopt(message, self._settings)
             case SetUpDone():
                 if self._workers.has_obstacles:
                     self._server.use_watcher(self._watcher)
@@ -447,7 +448,7 @@ class PlannerNode(Node):
             settings = self._declared.settings(changes)
             done = await self._set_up(settings)
             # Without a usable model anyway, a fix may need several changes.
-            is_partial = bool(self._model_problem) and not done.is_unreadable
+            is_partial = self._model_problem and done.primitives
             if done.problem and not is_partial:
                 return SetParametersResult(successful=False, reason=to_text(done.problem))
             if self._declared.settings(changes) == settings:
@@ -533,7 +534,7 @@ class PlannerNode(Node):
             # Stops have no efforts.
             with_efforts=self._settings.publish_effort and motion.sent.efforts is not None,
             stamp=motion.stamp,
-            last_point_only=motion.last_point_only,
+            last_point_only=not motion.is_path_known,
         )
         is_goal = self._action.send(motion.sent, content, is_stop=planned is None)
         # A controller that listens to both would execute the motion twice.

@@ -504,6 +504,21 @@ def test_parameter_whose_planner_dies_is_refused(
     serve(client)
 
 
+def test_robot_description_whose_planner_dies_is_used_by_the_next_planner(
+    node: subprocess.Popen[str], client: NodeClient
+) -> None:
+    serve(client)
+    planner, n = planner_of(node), int(client.wait_for_diagnostics()["worker_restarts"])
+    os.kill(planner, signal.SIGSTOP)
+    client.publish_description(URDF.replace("</robot>", "\n</robot>"))
+    time.sleep(0.2)  # the node reads it
+    assert client.call("stop", HANG).success
+    os.kill(planner, signal.SIGKILL)
+    client.wait_for_diagnostics(lambda values: int(values["worker_restarts"]) > n, HANG)
+    answer_once(client, lambda answer: answer.trajectory is not None)
+    client.publish_description(URDF)
+
+
 # Start and end
 
 

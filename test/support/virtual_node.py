@@ -318,8 +318,8 @@ class VirtualNode:
     def send(self, motion: PublishedMotion, _: Planned | None) -> None:
         """Send a motion to the robot."""
         message = motion.sent, motion.stamp
-        self.sent.append((self.now, *message, motion.last_point_only))
-        self.robot.send(*message, last_point_only=motion.last_point_only)
+        self.sent.append((self.now, *message, not motion.is_path_known))
+        self.robot.send(*message, last_point_only=not motion.is_path_known)
 
     def report_motion(self, report: ExecutionReport) -> None:
         """Keep the report of a motion."""

@@ -481,8 +481,8 @@ def test_goal_of_a_slowed_robot_is_refused_where_its_command_is_not_stated(node)
 
 def test_stop_follows_the_path_and_ends_at_rest_within_the_limits(either):
     assert "at rest" in either.stop()
-    ((_, trajectory, stamp, last_point_only),) = either.sent
-    assert (stamp, last_point_only, trajectory.positions.tolist()) == (None, True, [START.tolist()])
+    ((_, trajectory, stamp, _),) = either.sent
+    assert (stamp, trajectory.positions.tolist()) == (None, [START.tolist()])
     either.ask(GOAL)
     either.run(0.5)
     path = either.sent[1][1].positions

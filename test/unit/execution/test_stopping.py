@@ -188,7 +188,7 @@ def test_stop_of_a_silent_robot_is_near_its_command_if_none_is_allowed_from_else
 
 def test_stop_of_a_silent_robot_is_allowed_from_wherever_it_may_have_been_held():
     said, stop = silent_stop(0.9, 0.2, LIMITS)
-    assert "not known whether the robot stops" in said and stop.last_point_only
+    assert "not known whether the robot stops" in said and not stop.is_path_known
     held = JointState(JOINTS, curved().state(0.2).positions)
     assert_is_allowed_from([curved().state(0.9), held], stop.sent, LIMITS)
     on_path = spline(curved().trajectory)(np.linspace(0.9, DURATION, 10001))
@@ -204,7 +204,7 @@ def test_stop_of_a_robot_on_no_motion_is_allowed_from_where_it_was_and_where_it_
     seen, now = now, now + 0.08
     where = tracker.where(Settings())
     _, stop = find_stop(where, tracker, ROBOT, LIMITS, Settings())
-    assert stop.last_point_only
+    assert not stop.is_path_known
     states = [JointState(JOINTS, START + time * v, v) for time in (seen, now)]
     assert_is_allowed_from(states, stop.sent, LIMITS)
 
