@@ -441,10 +441,7 @@ class PlannerNode(Node):
 
     async def _changed(self, changes: list[Parameter]) -> SetParametersResult:
         """Set parameters, if they are well-formed and the planner accepts them."""
-        while True:
-            result = self.set_parameters_atomically(changes)
-            if result.successful or result.reason != _PENDING:
-                return result
+        while (result := self.set_parameters_atomically(changes)).reason == _PENDING:
             settings = self._declared.settings(changes)
             done = await self._set_up(settings)
             # Without a usable model anyway, a fix may need several changes.
@@ -454,6 +451,7 @@ class PlannerNode(Node):
             if self._declared.settings(changes) == settings:
                 self._adopt(done, settings)
                 self._model_problem = done.problem
+        return result
 
     async def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         done = await self._set_up(self._settings, rereads=True)
