@@ -294,8 +294,10 @@ class MotionServer:
             self._go_on()
 
     def use_watcher(self, watcher: Link | None) -> None:
-        """Have another watcher check the running motion, from the next tick on."""
-        self.watcher, self._watching = watcher, None
+        """Have another watcher, or none, check the running motion."""
+        self.watcher, execution = watcher, self.execution
+        if execution is not None:
+            self._watch(execution.motion, is_stop=execution.is_stop)
 
     # Stops.
 

@@ -357,8 +357,8 @@ class PlannerNode(Node):
                     self._preview.publish(message.content)
             case SetUpDone() if role == PLANNER:  # it was started again
                 self._server.hold = self._hold
-                # Where it had ended during a set-up with another robot description.
-                if self._server.model is None and message.model is not None:
+                # It had ended during the set-up with another robot description.
+                if self._model_problem and message.model is not None:
                     self._adopt(message, self._settings)
             case SetUpDone():
                 if self._workers.has_obstacles:
