@@ -23,8 +23,11 @@ from .style import (
     COLOURS,
     LINES,
     MAX_BEHIND,
+    MAX_NAMED,
     MIN_SPAN,
     NEAR_LIMIT,
+    ROOM,
+    Line,
     add_header,
     styled_figure,
 )
@@ -64,8 +67,9 @@ def motion_figure(
     title : str
         Title of the figure.
     limits : JointLimits, optional
-        Limits of its joints. Those of the position are lines where the motion comes near them; of
-        the others, the one of which the motion uses most is stated.
+        Limits of its joints. Those of the position are lines where the motion comes near them, and
+        the ends of a bar beside the row, with what the motion uses of the range. Of the others, the
+        one of which the motion uses most is stated.
     prismatic : collection of str
         Joints that are measured in metres; the others are shown in degrees.
     behind : sequence of Curve
@@ -73,9 +77,11 @@ def motion_figure(
     vias : collection of float
         Times at which the motion passes its vias [s].
     robot : Robot, optional
-        The robot of the joints, whose hand is drawn from above, and from the side or the front.
+        The robot of the joints. The path of its hand is drawn from above, and from the side or the
+        front, with its joints at both ends.
     world : iterable of Obstacle
-        The obstacles; those attached to links are not drawn.
+        The obstacles. Those nearest to the path have their own colours and names; those attached to
+        links are not drawn.
 
     Returns
     -------
@@ -90,6 +96,7 @@ def motion_figure(
     if motion.duration == 0.0:
         raise PlannerError("a motion of one point can't be drawn: at least two are needed")
     rows, views = _panels(figure, motion.n_joints, robot is not None)
+    obstacles = list[Line]()
     for joint, (name, axes) in enumerate(zip(motion.joint_names, rows, strict=True)):
         unit, q = unit_of([name], prismatic), motion.positions[:, joint]
         for times, positions in behind:
@@ -106,9 +113,12 @@ def motion_figure(
             np.asarray(robot.frame_positions(q, [robot.end_effector])[:, 0])
             for q in (motion.positions, *(positions for _, positions in behind))
         ]
-        _show_hand(views, robot.end_effector, paths, [x for x in world if not x.frame])
+        near = sorted((x for x in world if not x.frame), key=lambda x: _distance(x, paths[0]))
+        lines = [_obstacle_line(x, i) for i, x in enumerate(near)]
+        _show_hand(views, robot, motion, paths, list(zip(near, lines, strict=True)))
+        obstacles = lines[: MAX_NAMED + 1]
     drawn = {artist.get_label() for axes in figure.axes for artist in axes.get_children()}
-    add_header(figure, title, [x for x in LINES.values() if x["label"] in drawn])
+    add_header(figure, title, [*(x for x in LINES.values() if x["label"] in drawn), *obstacles])
     return rows
 
 
@@ -123,7 +133,7 @@ def _panels(figure: Figure, n_joints: int, has_hand: bool) -> tuple[list[Axes], 
 def _show_limits(
     axes: Axes, motion: Trajectory, joint: int, limits: JointLimits | None, unit: Unit
 ) -> None:
-    """Set the range of positions, draw limits that are near, state the others and their shares."""
+    """Set the range of positions, show its limits, state of which other limit is used most."""
     low, high = axes.dataLim.intervaly
     span = max(high - low, unit.factor * MIN_SPAN)
     low, high = (low + high - span) / 2, (low + high + span) / 2
@@ -134,13 +144,24 @@ def _show_limits(
         near = [x for x in ends if low - NEAR_LIMIT * span < x < high + NEAR_LIMIT * span]
         for end in near:
             axes.axhline(end, **LINES["limit"])
-        words = [_most_used(motion, joint, limits, i, unit)]
-        if len(near) < 2 and np.isfinite(ends).any():
-            low_text, high_text = (unit.text(x) for x in (limits.lower[i], limits.upper[i]))
-            words.append(f"range {low_text} to {high_text} {unit.name}")
-        text = "; ".join(filter(None, words))
+        if np.isfinite(ends).all():
+            texts = [unit.text(x) for x in (limits.lower[i], limits.upper[i])]
+            _show_range(axes, unit.factor * motion.positions[:, joint], ends, texts)
+        text = _most_used(motion, joint, limits, i, unit)
         axes.set_title(text, loc="right", fontsize="small", fontweight="normal")
     axes.set_ylim(min([low, *near]) - 0.08 * span, max([high, *near]) + 0.08 * span)
+
+
+def _show_range(axes: Axes, q: FloatArray, ends: FloatArray, texts: Sequence[str]) -> None:
+    """Draw the range of a joint beside its row, and the part of it that a motion uses."""
+    bar = axes.inset_axes((1.015, 0.0, 0.02, 1.0))
+    bar.axhspan(q.min(), q.max(), color=COLOURS[0])
+    bar.set(xticks=[], yticks=ends, yticklabels=texts, ylim=ends)
+    bar.set_title("range", loc="left", fontsize=9, fontweight="normal")
+    bar.yaxis.tick_right()
+    bar.tick_params(labelsize=9, length=0)
+    for side in ("bottom", "top"):
+        bar.spines[side].set(linestyle=LINES["limit"]["linestyle"], linewidth=1.5)
 
 
 def _most_used(motion: Trajectory, joint: int, limits: JointLimits, i: int, unit: Unit) -> str:
@@ -159,31 +180,83 @@ def _most_used(motion: Trajectory, joint: int, limits: JointLimits, i: int, unit
     return f"{shares[name]:.0f} % of the {name} limit" if name else ""
 
 
+def _distance(obstacle: Obstacle, path: FloatArray) -> float:
+    """About how far a path, shape (n_steps, 3), is from an obstacle [m]: from a box around it."""
+    corners = _corners(obstacle)
+    outside = np.maximum(corners.min(axis=0) - path, path - corners.max(axis=0)).clip(0.0)
+    return float(np.linalg.norm(outside, axis=1).min())
+
+
+def _obstacle_line(obstacle: Obstacle, index: int) -> Line:
+    """Colour and label of the obstacle that is the index-nearest."""
+    if index >= MAX_NAMED:
+        return LINES["obstacle"]
+    return LINES["obstacle"] | {"label": f"'{obstacle.name}'", "color": COLOURS[1 + index]}
+
+
 def _show_hand(
-    views: Sequence[Axes], link: str, paths: Sequence[FloatArray], obstacles: Sequence[Obstacle]
+    views: Sequence[Axes],
+    robot: Robot,
+    motion: Trajectory,
+    paths: Sequence[FloatArray],
+    obstacles: Sequence[tuple[Obstacle, Line]],
 ) -> None:
-    """Draw the path of a link before others, from above, and from the side or the front."""
+    """Draw the path of the hand before others, from above, and from the side or the front."""
     path, *behind = paths
     side = int(np.argmax(np.ptp(path[:, :2], axis=0)))
     words = "above", ("the side", "the front")[side]
+    arms = robot.frame_positions(motion.positions[[0, -1]], _chain(robot))
+    motions = np.concatenate([*paths, *arms])
+    room = ROOM * np.ptp(motions, axis=0).max()
+    low, high = motions.min(axis=0) - room, motions.max(axis=0) + room
     for axes, plane, where in zip(views, ([0, 1], [side, 2]), words, strict=True):
-        for obstacle in obstacles:
-            shadows = outlines(obstacle, plane)
-            for outline in shadows:
-                axes.fill(*outline.T, **LINES["obstacle"] | {"linewidth": 1.0})
-            x, y = np.mean([outline.mean(axis=0) for outline in shadows], axis=0)
-            axes.text(x, y, printable(obstacle.name), ha="center", va="center", size=9)
+        for obstacle, line in obstacles:
+            edge = line["color"]
+            for outline in outlines(obstacle, plane):
+                axes.fill(*outline.T, facecolor=edge + "40", edgecolor=edge, lw=1.5, zorder=1.2)
+        for arm in arms:
+            axes.plot(*arm[:, plane].T, **LINES["arm"])
         for other in behind:
             axes.plot(*other[:, plane].T, **LINES["behind"])
         axes.plot(*path[:, plane].T, **LINES["planned"])
-        for place, text in ((path[0], "start"), (path[-1], "goal")):
+        across = np.sign(path[-1, plane[0]] - path[0, plane[0]]) or 1.0
+        for place, text, away in ((path[0], "start", -across), (path[-1], "goal", across)):
             axes.plot(*place[plane], "o", color=COLOURS[0])
-            axes.annotate(text, place[plane], xytext=(6, 6), textcoords="offset points")
-        axes.set_title(f"'{printable(link)}' from {where}", loc="left", fontsize="medium")
+            axes.annotate(
+                text,
+                place[plane],
+                xytext=(8 * away, 0),
+                textcoords="offset points",
+                ha="left" if away > 0 else "right",
+                va="center",
+            )
+        axes.set_title(f"'{printable(robot.end_effector)}' from {where}", loc="left")
         axes.set(xlabel="xyz"[plane[0]] + " [m]", ylabel="xyz"[plane[1]] + " [m]")
-        axes.margins(0.15, 0.0)
-        axes.update_datalim(axes.dataLim.expanded(1.0, 1.4).corners())  # words end below the title
+        axes.margins(0.0)
+        axes.dataLim.set_points(np.array([low[plane], high[plane]]))
         axes.set_aspect("equal", adjustable="datalim")
+
+
+def _chain(robot: Robot) -> list[str]:
+    """The links from the base to the hand, one for each joint, whose origins are at the joints."""
+    model, _ = robot.pinocchio_model()
+    links = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
+    hand = next(link for link in links if link.name == robot.end_effector)
+    chain = [
+        next(link.name for link in links if link.parentJoint == joint)
+        for joint in model.supports[hand.parentJoint]
+    ]
+    return [*chain, hand.name]
+
+
+def _corners(obstacle: Obstacle) -> FloatArray:
+    """Points whose hull holds an obstacle, shape (n_points, 3) [m]."""
+    found = []
+    for shape in obstacle.shapes:
+        placed = pin.XYZQUATToSE3(shape.pose)
+        points = np.asarray(surface(shape).vertices)
+        found.append(points @ placed.rotation.T + placed.translation)
+    return np.concatenate(found)
 
 
 def outlines(obstacle: Obstacle, plane: Sequence[int]) -> list[FloatArray]:

@@ -40,6 +40,11 @@ MAX_COLUMNS, FEW_COLUMNS = 7, 4
 WIDE, NARROW = 3.5, 2.4
 # Most demonstrations behind a segment of a plan; more hide each other.
 MAX_BEHIND = 8
+# Most obstacles with colours and names of their own.
+MAX_NAMED = 5
+# Room around the arm and the paths of its hand, as a share of their extent. Larger obstacles end at
+# the frame of the picture: a floor would make the paths small.
+ROOM = 0.2
 # Most components around one mean; more curves are not distinguishable.
 MAX_COMPONENTS = 3
 # A limit is drawn if it is nearer to the curves than this share of their range; a farther one would
@@ -68,7 +73,8 @@ LINES = {
     "limit": line("limit", BLACK, (0, (2, 2)), 1.5),
     "behind": line("nearest demonstrations, re-timed", GREY, "-", 0.8, zorder=1.5, alpha=0.6),
     "minimum jerk": line("minimum jerk", BLACK, (0, (1, 1.5)), 1.5, zorder=1.7),
-    "obstacle": line("obstacle", "#E8D9B5", width=8.0, zorder=1.2),
+    "arm": line("arm at start and goal", GREY, width=5.0, zorder=1.4, alpha=0.35, marker="o"),
+    "obstacle": line("other obstacles", GREY, width=8.0, alpha=0.4),
     "via": line("via", BLACK, "", marker="D", markersize=8, markerfacecolor="white", zorder=3),
     "demonstration": line("demonstrations", GREY, "-", 0.8),
     "motion": line("motion", "#CFE6F5", width=8.0),

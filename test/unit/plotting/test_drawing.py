@@ -18,7 +18,7 @@ from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.plotting.motion import motion_figure, outlines, plan_figure
 from mp_pca_planner.plotting.primitive import primitive_figure
-from mp_pca_planner.plotting.style import MAX_BEHIND, picture, styled_figure
+from mp_pca_planner.plotting.style import MAX_NAMED, picture, styled_figure
 from mp_pca_planner.primitives.differences import PHASES
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.world import Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
@@ -169,24 +169,69 @@ def test_plan_shows_its_vias_where_it_passes_them() -> None:
         np.testing.assert_allclose(via.get_xdata(), passed)
         np.testing.assert_allclose(via.get_ydata(), np.rad2deg(expected))
     shown = [x.get_text() for x in figure.legends[0].get_texts()]
-    assert shown == ["planned", "nearest demonstrations, re-timed", "via"]
+    expected = "planned", "nearest demonstrations, re-timed", "arm at start and goal", "via"
+    assert shown == list(expected)
 
 
 def test_plan_shows_the_path_of_the_hand_and_the_obstacles_beside_it() -> None:
+    """Each obstacle has an edge, and the nearest ones colours and names of their own."""
     found, planner = plan_between(3, 3)
-    ball = Obstacle("the ball", Sphere(0.1, [0.2, 0.3, 0.4]))
-    planner = Planner(planner.robot, planner.primitives, planner.limits, world=World([ball]))
+    hand = arm_robot().frame_positions(found.trajectory.positions, [arm_robot().end_effector])[:, 0]
+    places = {f"ball {i}": hand[-1] + [0.3 + 0.2 * i, 0.0, 0.0] for i in range(MAX_NAMED + 2)}
+    world = World([Obstacle(name, Sphere(0.1, x)) for name, x in reversed(places.items())])
+    planner = Planner(planner.robot, planner.primitives, planner.limits, world=world)
     with styled_figure() as figure:
         rows = plan_figure(figure, found, planner)
+        assert all_legends_inside(figure)
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert names[-MAX_NAMED - 1 :] == [
+        *(f"'ball {i}'" for i in range(MAX_NAMED)),
+        "other obstacles",
+    ]
     assert len(figure.axes) == len(rows) + 2
-    hand = arm_robot().frame_positions(found.trajectory.positions, [arm_robot().end_effector])[:, 0]
     side = int(np.argmax(np.ptp(hand[:, :2], axis=0)))
     for axes, plane in zip(figure.axes[len(rows) :], ([0, 1], [side, 2]), strict=True):
-        assert any(np.allclose(x.get_xydata(), hand[:, plane]) for x in axes.lines[MAX_BEHIND:])
-        (patch,) = axes.patches
-        middle = 0.5 * (patch.get_xy().min(axis=0) + patch.get_xy().max(axis=0))
-        np.testing.assert_allclose(middle, np.array([0.2, 0.3, 0.4])[plane], atol=1e-9)
-        assert "the ball" in [text.get_text() for text in axes.texts]
+        (path,) = (x for x in axes.lines if x.get_label() == "planned")
+        np.testing.assert_allclose(path.get_xydata(), hand[:, plane])
+        middles = [0.5 * (x.get_xy().min(axis=0) + x.get_xy().max(axis=0)) for x in axes.patches]
+        np.testing.assert_allclose(middles, [x[plane] for x in places.values()], atol=1e-9)
+        edges = [patch.get_edgecolor() for patch in axes.patches]
+        assert len(set(edges)) == MAX_NAMED + 1
+        assert all(
+            patch.get_facecolor()[3] < edge[3]
+            for patch, edge in zip(axes.patches, edges, strict=True)
+        )
+
+
+def test_a_floor_does_not_make_the_path_small() -> None:
+    found, planner = plan_between(3, 3)
+    floor = Obstacle("floor", Box([50.0, 50.0, 0.1], [0.0, 0.0, -3.0]))
+    widths = []
+    for world in (World(), World([floor])):
+        shown = Planner(planner.robot, planner.primitives, planner.limits, world=world)
+        with styled_figure() as figure:
+            rows = plan_figure(figure, found, shown)
+            figure.draw_without_rendering()
+        widths.append([np.ptp(axes.get_xlim()) for axes in figure.axes[len(rows) :]])
+    np.testing.assert_allclose(*widths, rtol=0.1)
+
+
+def test_each_row_shows_its_limits_and_what_is_used_of_them() -> None:
+    motion = trajectory()
+    ranges = {"joint0": {"min_position": -9.0, "max_position": 5.0}}
+    limits = JointLimits(["joint0", "joint1"], ranges)
+    with styled_figure() as figure:
+        rows = motion_figure(figure, motion, "Motion", limits)
+    (bar,) = rows[0].child_axes
+    np.testing.assert_allclose(bar.get_ylim(), np.rad2deg([-9.0, 5.0]))
+    (used,) = bar.patches
+    ends = [used.get_window_extent().y0, used.get_window_extent().y1]
+    q = np.rad2deg(motion.positions[:, 0])
+    np.testing.assert_allclose(
+        bar.transData.inverted().transform([[0.0, y] for y in ends])[:, 1], [q.min(), q.max()]
+    )
+    assert [x.get_text() for x in bar.get_yticklabels()] == ["-516", "286"]
+    assert not rows[1].child_axes
 
 
 def test_a_prediction_without_a_robot_is_drawn_as_it_is() -> None:
