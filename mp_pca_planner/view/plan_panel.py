@@ -211,7 +211,7 @@ class PlanPanel:
             request = replace(request, goal=self.answer.goal)
         answer = PlanAnswer(request, request.goal, None, _INTERNAL_ERROR)
         with self._stage.caught():
-            answer = self._planner.answer(request)
+            answer = self._planner.answer(request, lambda: not self._requests.empty())
         with self._stage.caught(), self._stage.lock, self._stage.server.atomic():
             self._show(answer)
         self._stage.server.flush()

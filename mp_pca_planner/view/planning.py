@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -13,6 +14,7 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError, WorldError
 from ..motion.goal import JointGoal, JointState, Pose
 from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
+from ..planning.context import Budget
 from ..planning.options import PlannerOptions
 from ..planning.plan import ALREADY_THERE, STOPPED_EARLY, Plan
 from ..planning.planner import Planner
@@ -20,6 +22,8 @@ from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ..robot.world import World
 from .content import PageContent
 from .stage import BAD, GOOD, WARNING, part
+
+_TIME_OUTDATED = 1.0  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,15 +88,20 @@ class InteractivePlanner:
         Robot, primitives, limits and collision model; robot and model are not shared between
         threads.
     max_solve_time : float
-        Longest time for a plan [s].
+        Longest time for a plan [s], as that of the command `plan`.
     """
 
-    def __init__(self, content: PageContent, max_solve_time: float = 1.0) -> None:
+    def __init__(self, content: PageContent, max_solve_time: float = 5.0) -> None:
         self._content, self._max_solve_time = content, max_solve_time
         self._planner = lru_cache(maxsize=20)(self._new_planner)
 
-    def answer(self, request: ViewRequest) -> PlanAnswer:
-        """Plan the motion of a request; a goal that can't be served is an answer, too."""
+    def answer(
+        self, request: ViewRequest, is_outdated: Callable[[], bool] = lambda: False
+    ) -> PlanAnswer:
+        """Plan the motion of a request; a goal that can't be served is an answer, too.
+
+        Once the request is outdated, the plan has a second: a drag shows plans on its way.
+        """
         names = self._content.robot.joint_names
         start = JointState(names, request.start)
         reached, distance = request.goal, 0.0
@@ -102,7 +111,9 @@ class InteractivePlanner:
             if request.pose is not None:
                 reached, distance = self._nearest(request.pose, request.goal)
             goal = JointGoal(JointState(names, reached))
-            plan = self._planner(request.naturalness).plan(goal, start)
+            quick = Budget(min(_TIME_OUTDATED, self._max_solve_time))
+            budget = Budget(self._max_solve_time, lambda: quick.is_late() and is_outdated())
+            plan = self._planner(request.naturalness).plan(goal, start, budget=budget)
             reached = plan.trajectory.positions[-1]
             is_served = plan.is_executable or plan.status == ALREADY_THERE
             problem = "" if is_served else plan.message
@@ -135,7 +146,7 @@ class InteractivePlanner:
             collision.set_world(world)
 
     def _new_planner(self, naturalness: float | None) -> Planner:
-        options = PlannerOptions(naturalness=naturalness, max_solve_time=self._max_solve_time)
+        options = PlannerOptions(naturalness=naturalness)
         shown = self._content
         return Planner(shown.robot, shown.primitives, shown.limits, options, shown.collision)
 

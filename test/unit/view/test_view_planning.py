@@ -15,6 +15,7 @@ from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.view.content import PageContent, first_ends
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
+from mp_pca_planner.view import planning
 from mp_pca_planner.view.planning import InteractivePlanner, ViewRequest, answer_html
 
 FRAME = "wrist"
@@ -78,6 +79,21 @@ def test_a_goal_in_an_obstacle_is_refused_by_its_name_and_served_again_without_i
     refused = subject.answer(ViewRequest(START, GOAL, world=World([ball])))
     assert "ball" in refused.problem
     assert subject.answer(ViewRequest(START, GOAL)).problem == ""
+
+
+def test_a_plan_is_cut_off_early_only_for_a_newer_request(monkeypatch):
+    """A busy machine needs longer than a second for a detour; a drag must not wait for it."""
+    monkeypatch.setattr(planning, "_TIME_OUTDATED", 1e-6)
+    start, goal = arm_primitive().boundary_states[3, [0, 3]]
+    path = arm_robot().frame_positions(arm_primitive().predict(start, goal).positions, [FRAME])[
+        :, 0
+    ]
+    ball = Obstacle("ball", Sphere(0.05, path[len(path) // 2]))
+    request, subject = ViewRequest(start, goal, world=World([ball])), planner(with_collision=True)
+    for is_outdated in (False, True):
+        answer = subject.answer(request, lambda outdated=is_outdated: outdated)
+        is_cut = "time ran out" in (answer.problem or answer.plan.message)
+        assert is_cut == is_outdated, answer
 
 
 def test_obstacles_that_cannot_be_avoided_are_an_answer():
