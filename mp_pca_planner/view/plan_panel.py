@@ -23,7 +23,7 @@ from .robot_shapes import DrawnPath, DrawnRobot, Rgb
 from .stage import Player, ShownMotion, Stage, part
 
 NAME = "Plan"
-_TEXT = "Drag the arrows. The robot plans a motion there, out of what it was shown."
+_TEXT = "Drag the arrows to another goal, and the motion follows."
 _INTERNAL_ERROR = "internal error; its traceback is in the log of this command"
 _CONTINUE, _RESET = "At the goal", "Reset"
 _NATURALNESS = (AUTO, "0", "0.01", "0.1", "1", "10")

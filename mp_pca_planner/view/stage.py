@@ -31,8 +31,8 @@ LOG = logging.getLogger("mp_pca_planner.view")
 """Log of the page."""
 
 # From what it sees to the camera, whose vertical field of view is narrow [rad]; the robot fills at
-# most this share of the scene, which is about as wide as high.
-_DIRECTION, _FIELD, _FILLED = np.array([0.75, -0.65, 0.35]), 0.6, 0.75
+# most this share of the scene, which is about as wide as high: the rest is for handles on a phone.
+_DIRECTION, _FIELD, _FILLED = np.array([0.75, -0.65, 0.35]), 0.6, 0.65
 
 HANDLE_LENGTH = 90.0
 """Length of the arrows of handles on the screen [pixels]."""

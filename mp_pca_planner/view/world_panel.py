@@ -20,7 +20,7 @@ from .stage import ShownMotion, Stage, part
 
 NAME = "World"
 _NOTHING = "none"
-_TEXT = "Add an obstacle: the plan avoids it. Drag its arrows. Click another one to choose it."
+_TEXT = "Add an obstacle, and drag its arrows: the plan avoids it. Click another one to choose it."
 _OBSTACLE: Rgb = (150, 128, 104)
 _CHOSEN: Rgb = (230, 159, 0)
 
@@ -256,7 +256,7 @@ class WorldPanel:
         add = self._stage.server.gui.add_number
         with self._folder:
             self._sizes = [
-                add(label, value, min=0.005, max=100.0, step=0.005)
+                add(f"{label} [m]", value, min=0.005, max=100.0, step=0.005)
                 for label, value in sizes.items()
             ]
         for number in self._sizes:
