@@ -82,17 +82,13 @@ def smooth(piece: Samples, rate: float) -> SmoothPiece:
     # close, straight lines don't.
     times = _grid(piece.times, rate)
     grid = _grid(times, float(np.clip(rate, MIN_RATE, MAX_RATE)))
-    curves = np.empty((3, grid.size, piece.positions.shape[1]))
-    # One joint after the other: a spline of all at once takes several times their memory.
-    for joint, recorded in enumerate(piece.positions.T):
-        position = np.interp(times, piece.times, recorded)
-        if rate >= _FILTERED_RATE * CUTOFF:
-            position = _filtered(position, rate)
-        spline = interpolate.make_interp_spline(times, position, k=_DEGREE)
-        for order in range(3):
-            curves[order, :, joint] = spline(grid, nu=order)
-    positions, velocities, accelerations = curves
-    return SmoothPiece(grid, positions, velocities, accelerations, recorded_rate=rate)
+    positions = np.column_stack([np.interp(times, piece.times, q) for q in piece.positions.T])
+    if rate >= _FILTERED_RATE * CUTOFF:
+        # Padding over the impulse response of the filter; the default is shorter.
+        padding = min(len(positions) - 1, round(2 * rate / CUTOFF))
+        positions = signal.sosfiltfilt(_low_pass(rate), positions, axis=0, padlen=padding)
+    spline = interpolate.make_interp_spline(times, positions, k=_DEGREE)
+    return SmoothPiece(grid, *(spline(grid, nu=k) for k in range(3)), recorded_rate=rate)
 
 
 def _grid(times: FloatArray, rate: float) -> FloatArray:
@@ -104,13 +100,6 @@ def _grid(times: FloatArray, rate: float) -> FloatArray:
 @lru_cache(maxsize=16)  # its design takes as long as its use on a motion
 def _low_pass(rate: float) -> Any:
     return signal.butter(_ORDER, CUTOFF, fs=rate, output="sos")
-
-
-def _filtered(position: FloatArray, rate: float) -> FloatArray:
-    # Padding over the impulse response of the filter; the default is shorter.
-    padding = min(len(position) - 1, round(2 * rate / CUTOFF))
-    smoothed = signal.sosfiltfilt(_low_pass(rate), position, padlen=padding)
-    return np.asarray(smoothed, dtype=np.float64)
 
 
 Span = tuple[int, int]
