@@ -159,7 +159,10 @@ def choose_joints(states: JointStates, joints: Sequence[str] | None) -> Names:
         are more than are accepted.
     """
     if not states.header_stamps.size:
-        raise RecordingError(f"there is no well-formed message on '{states.topic}'")
+        raise RecordingError(
+            f"there is no well-formed message on '{states.topic}': each of its "
+            f"{states.n_malformed} messages must name as many different joints as it has positions"
+        )
     if joints is None:
         names = _common_joints(states)
     else:

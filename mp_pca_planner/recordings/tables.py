@@ -41,10 +41,16 @@ _BOOKKEEPING = re.compile(
     rf"|{'|'.join(_EPISODES)}|t|(time|timestamp|stamp)(_\w+)?|/.*/header/.*|field\..*",
     re.IGNORECASE,
 )
-_QUANTITIES = "(vel|velocity|velocities|acc|accelerations?|efforts?|torques?)"
-_DERIVED = re.compile(rf".*[._/]{_QUANTITIES}|{_QUANTITIES}[._/].*", re.IGNORECASE)
-_RATE_OF_Q = re.compile(r"(?:d+q|qd+)(_?\w+)")
-_ACTION = re.compile(r"action([._/ ].*)?", re.IGNORECASE)
+_QUANTITIES = (
+    "(vel|velocity|velocities|acc|accelerations?|efforts?|torques?|speeds?|forces?|currents?"
+    "|temperatures?|voltages?|poses?)"
+)
+# Of joints, of all joints by number (joint_vel_1, actual_current_0), or of one joint.
+_DERIVED = re.compile(
+    rf".*[._/]{_QUANTITIES}([._/\[]?\d+\]?)?|{_QUANTITIES}([._/].*|\[?\d+\]?)", re.IGNORECASE
+)
+_RATE_OF_Q = re.compile(r"(\w*_|)(?:d+q|qd+)(_?\w+)")
+_ACTION = re.compile(r"(action|target|desired|command(ed)?)([._/ ].*)?", re.IGNORECASE)
 _POSITION = re.compile(r"[./](pos|position|positions)$")
 _PLOTJUGGLER = re.compile(r"/.+/([^/]+)/(position|velocity|effort)")
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw", "rx", "ry", "rz", "qx", "qy", "qz", "qw")
@@ -124,6 +130,10 @@ def _header_and_rows(path: Path) -> tuple[list[str], str, float]:
             text = text.partition("\n")[2]
         head, _, rows = text.partition("\n")
         delimiter = max(",;\t", key=head.count)
+        if delimiter not in head:  # as in tables of UR's RTDE client
+            delimiter = " "
+            head, rows = head.strip(), re.sub(r"^ +| +$", "", rows, flags=re.MULTILINE)
+            head, rows = re.sub(" +", " ", head), re.sub(" +", " ", rows)
         if delimiter != ",":
             # Programs that separate columns so may write decimal commas.
             head = head.replace(delimiter, ",")
@@ -220,7 +230,8 @@ def _read_dataset(path: Path, options: LoadOptions) -> tuple[JointStates, Episod
         )
     for column in columns:
         if column not in vectors:
-            raise RecordingError(f"'{path}': {unknown_name('column of numbers', column, vectors)}")
+            unknown = unknown_name("column of numbers", column, vectors)
+            raise RecordingError(f"'{path}': {unknown}; choose one with --topic (topic=)")
     indices, frames, damaged = _read_parquet(path, columns, fps, options.episodes)
     n_values, column = frames.shape[1] - 1, ",".join(columns)
     of_joints = {name: [*names_of_positions(own), *own] for name, own in recorded.items()}
@@ -501,9 +512,9 @@ def _joint_columns(
 
 
 def _is_rate_of_q(name: str, header: Sequence[str]) -> bool:
-    """Whether a column is called dq1 or qd1 beside q1."""
+    """Whether a column is called dq1 or qd1 beside q1, or actual_qd_0 beside actual_q_0."""
     found = _RATE_OF_Q.fullmatch(name)
-    return found is not None and f"q{found[1]}" in header
+    return found is not None and f"{found[1]}q{found[2]}" in header
 
 
 def _renamed(header: Sequence[str], rename: Rename, source: str = "") -> list[str]:

@@ -166,7 +166,8 @@ def find_mesh(resource: str, folders: Sequence[Path]) -> MeshContent:
     with reading(f"mesh '{printable(resource):.200}'", WorldError):
         path = _find_file(resource, folders)
     if path is None:
-        raise WorldError(f"mesh '{printable(resource):.200}' was not found: {_advice(resource)}")
+        advice = _advice(resource, folders)
+        raise WorldError(f"mesh '{printable(resource):.200}' was not found: {advice}")
     return read_mesh(path, resource)
 
 
@@ -185,7 +186,7 @@ def package_folders(given: Sequence[Path], urdf: Path | None = None) -> list[Pat
     return folders
 
 
-def _advice(resource: str) -> str:
+def _advice(resource: str, folders: Sequence[Path]) -> str:
     """What to do about a mesh that was not found."""
     scheme, _, rest = resource.rpartition("://")
     rest = rest.lstrip("/") if scheme == "package" else rest
@@ -193,7 +194,11 @@ def _advice(resource: str) -> str:
         return "its path is of another machine; write one relative to the URDF, or package://"
     what = "it"
     if scheme == "package":
-        what = f"the package '{printable(rest.partition('/')[0]):.100}'"
+        package = rest.partition("/")[0]
+        of_name = [f / package for f in folders if package and (f / package).is_dir()]
+        if found := of_name or [f for f in folders if _is_package(f, package)]:
+            return f"the package is in '{found[0]}', which lacks this file"
+        what = f"the package '{printable(package):.100}'"
     return (
         f"name the folder that holds {what} by --package-dirs (package_dirs in Python and of the "
         "node)"

@@ -258,7 +258,7 @@ def _is_xacro(root: ET.Element) -> bool:
     """Whether this is a xacro file that was not expanded."""
     return any(
         re.match(r"\{[^}]*xacro\}", element.tag)
-        or any("${" in value for value in element.attrib.values())
+        or any("${" in value or "$(" in value for value in element.attrib.values())
         for element in root.iter()
     )
 
@@ -313,6 +313,9 @@ def _limits_of(joint: ET.Element) -> dict[str, float]:
     keys = {"velocity": "max_velocity", "effort": "max_effort"}
     if joint.get("type") != "continuous":
         keys |= {"lower": "min_position", "upper": "max_position"}
+    # Of URDF 1.2.
+    rates = ("acceleration", "deceleration", "jerk")
+    keys |= {rate: f"max_{rate}" for rate in rates if rate in limit.attrib}
     return {key: float(limit.get(attribute, "0")) for attribute, key in keys.items()}
 
 

@@ -87,6 +87,7 @@ def test_a_csv_file_gives_the_motions_of_the_same_bag(
         (["frame_index", "Unnamed: 0", "time_ms", ""], "{}"),
         (["action.elbow", "action_shoulder1", "next.reward"], "{}"),
         ([f"other.{name}" for name in JOINT_NAMES], "observation.state.{}.pos"),
+        (["joint_vel_1", "vel2", "actual_current_0", "actual_TCP_pose_0", "target_q_0"], "{}"),
     ],
 )
 def test_columns_that_are_no_positions_are_no_joints(
@@ -99,6 +100,19 @@ def test_columns_that_are_no_positions_are_no_joints(
     assert_same(found, expected)
     note = next(note for note in found.reports[0].notes if "not joint positions" in note)
     assert all(f"'{name}'" in note for name in others if name)
+
+
+def test_a_table_of_the_rtde_client_of_ur_is_read(
+    expected: Sequence[Demonstration], tmp_path: Path
+) -> None:
+    # Its record.py separates columns by blanks.
+    names = [f"actual_{q}_{k}" for q in ("q", "qd") for k in range(len(JOINT_NAMES))]
+    values = np.column_stack([RECORDING.positions, np.zeros_like(RECORDING.positions)])
+    table = write_csv(tmp_path / "t.csv", names, values)
+    table.write_text(table.read_text().replace(",", " ").replace("time", "timestamp"))
+    found = mp.load_demonstrations(table)
+    assert found[0].joint_names == tuple(names[: len(JOINT_NAMES)])
+    assert_same(mp.load_demonstrations(table, rename=dict(zip(names, JOINT_NAMES))), expected)
 
 
 def test_a_csv_file_is_built_inspected_and_refused_in_degrees(tmp_path: Path) -> None:

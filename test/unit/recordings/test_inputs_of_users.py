@@ -342,6 +342,12 @@ def test_a_joint_that_never_moves_is_learned_only_where_it_is_chosen(tmp_path: P
         np.testing.assert_array_equal(one.positions, other.positions[:, 1:])
 
 
+def test_messages_without_names_are_said_to_lack_them(tmp_path: Path) -> None:
+    messages = [Message([], q.tolist(), int(t)) for t, q in zip(stamps(50), rested(reaches()))]
+    with pytest.raises(RecordingError, match="50 messages must name as many different joints"):
+        mp.load_demonstrations(write_bag(tmp_path / "b", "mcap", messages))
+
+
 def test_all_episodes_of_a_dataset_are_named_if_one_is_unknown(tmp_path: Path) -> None:
     folder = write_dataset(tmp_path / "set", reaches(), list(NAMES), version="v2.1")
     for episodes in ([0, 1, 99], [99], [2, "left"]):

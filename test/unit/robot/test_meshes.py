@@ -264,6 +264,10 @@ def test_mesh_of_a_package_is_found(tmp_path, monkeypatch, folder):
         for start in ("package://", "package:///")
     ]
     assert all(CollisionModel(x, package_dirs=folders).has_geometry for x in robots)
+    (package / "meshes/floor.stl").unlink()
+    for robot in robots:
+        with pytest.raises(RobotError, match=f"the package is in '.*{package.name}', which lacks"):
+            CollisionModel(robot, package_dirs=folders)
     shutil.rmtree(package)
     for robot in robots:
         with pytest.raises(RobotError, match=r"holds the package 'somebody' by --package-dirs"):

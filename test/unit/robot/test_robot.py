@@ -154,6 +154,13 @@ def test_a_limit_of_zero_in_the_urdf_is_rejected_when_it_matters():
     assert others.locked_at({"finger": 0.02}).limits().effort.tolist() == [30.0, np.inf]
 
 
+def test_limits_of_rates_in_the_urdf_hold():
+    # urdfdom reads them in URDF 1.2.
+    more = 'velocity="2" acceleration="4" deceleration="3" jerk="50"'
+    limits = Robot(CART.replace('velocity="2"', more), ["slide"]).limits()
+    assert (limits.acceleration.tolist(), limits.jerk.tolist()) == ([3.0], [50.0])
+
+
 @pytest.mark.parametrize(
     ("joints", "locked", "message"),
     [

@@ -45,6 +45,7 @@ def many(kind, n):
         ("<robot", "not XML"),
         ("<mujoco/>", r"<mujoco>, not <robot> \(MuJoCo's MJCF\): give the URDF of the same robot"),
         (changed('size="1 1 1"', 'size="${a} 1 1"'), "xacro"),
+        (changed('size="1 1 1"', 'size="$(arg size)"'), "xacro"),
         (changed('type="revolute"', 'type="hinge"'), "no revolute, continuous or prismatic joint"),
         (changed('parent link="base"', 'parent link="bas"'), "link 'bas' of joint 'one' not"),
         (changed('<link name="base"/>', '<link name="base"/><link name="x"/>'), "'base' and 'x'"),
