@@ -88,7 +88,8 @@ def smooth(piece: Samples, rate: float) -> SmoothPiece:
         padding = min(len(positions) - 1, round(2 * rate / CUTOFF))
         positions = signal.sosfiltfilt(_low_pass(rate), positions, axis=0, padlen=padding)
     spline = interpolate.make_interp_spline(times, positions, k=_DEGREE)
-    return SmoothPiece(grid, *(spline(grid, nu=k) for k in range(3)), recorded_rate=rate)
+    positions, velocities, accelerations = (spline(grid, nu=k) for k in range(3))
+    return SmoothPiece(grid, positions, velocities, accelerations, recorded_rate=rate)
 
 
 def _grid(times: FloatArray, rate: float) -> FloatArray:
