@@ -41,8 +41,9 @@ def fingerprint(positions: FloatArray, joint_names: Sequence[str]) -> tuple[int,
     order = np.argsort(np.array(joint_names, dtype=object), kind="stable")
     rows = np.rint(positions[:, order] / _QUANTUM).astype(np.int64)
     moves = (rows[1:] != rows[:-1]).any(axis=1)
-    firsts = np.flatnonzero(moves[:-1] & moves[1:])
-    runs = {crc32(rows[first : first + _RUN].tobytes()) for first in firsts.tolist()}
+    content, size = memoryview(rows.tobytes()), rows.shape[1] * rows.itemsize
+    firsts = (size * np.flatnonzero(moves[:-1] & moves[1:])).tolist()
+    runs = {crc32(content[first : first + _RUN * size]) for first in firsts}
     return tuple(sorted(runs)[:FINGERPRINT_SIZE])
 
 
