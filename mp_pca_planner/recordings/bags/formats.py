@@ -16,7 +16,6 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from io import BytesIO
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 from urllib.parse import quote
@@ -38,10 +37,6 @@ else:
 Buffer = bytes | mmap.mmap
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-
-
-# A clock was set back if the times of reception of a topic step back by more than this [ns].
-_CLOCK_STEP = 50_000_000
 
 
 class Connection(NamedTuple):
@@ -204,32 +199,17 @@ def _mcap_messages(
 
 
 def _mcap_chunk(content: Buffer, start: int, *known: Any) -> Iterator[Found]:
-    """Messages of a chunk in order of reception.
-
-    Where the clock was set back, its times don't show the order: they are left as written.
-    """
+    """Messages of a chunk in order of writing."""
     size, checksum = struct.unpack_from("<QI", content, start + 16)
     compression, place = mcap_text(content, start + 28)
     (stored,) = struct.unpack_from("<Q", content, place)
     records = _UNPACK[compression](content[place + 8 : place + 8 + stored])
     if len(records) == size and checksum and crc32(records) != checksum:
         raise ValueError(f"the chunk at byte {start} is not as written")
-    found: list[Found] = []
     with suppress(ValueError, struct.error):  # one that is cut off
-        found.extend(_mcap_messages(records, 0, *known))
-    yield from found if _was_set_back(found) else sorted(found, key=itemgetter(1))
+        yield from _mcap_messages(records, 0, *known)
     if len(records) != size:
         raise ValueError(f"the chunk at byte {start} is cut off")
-
-
-def _was_set_back(messages: Sequence[Found]) -> bool:
-    """Whether the times of reception step back between messages of a topic."""
-    latest: dict[Connection, int] = {}
-    for connection, stamp, _ in messages:
-        if stamp < latest.get(connection, stamp) - _CLOCK_STEP:
-            return True
-        latest[connection] = stamp
-    return False
 
 
 def mcap_records(content: Buffer, position: int) -> Iterator[tuple[int, int, int]]:

@@ -100,7 +100,6 @@ JUMPING = shifted(MOTION, (slice(150, None), 0), 4.0)
 # As a shoulder near its singularity turns, where its angles follow from markers.
 FAST = shifted(shifted(MOTION, (slice(150, None), 0), 1.0), (slice(150, 152), 0), [-0.7, -0.3])
 SPIKED = [40, 150, 160, 260]
-BLOCK = np.r_[0:130, 160:166, 130:160, 166:N]
 BACK = {seconds: shifted(STAMPS, slice(HALF, None), int(-seconds * S)) for seconds in (2.0, 0.3)}
 DELAYED = put(STAMPS, slice(130, 160), STAMPS[160] - np.arange(30, 0, -1) * (S // 2000))
 LONG_REST = reaching([0.1, 1.1, 0.1], rest=0.5)
@@ -156,11 +155,6 @@ CASES = {
         states(stamps=put(STAMPS, slice(3, 6), 0), received=STAMPS),
         {"unstamped": 3},
         [WITHOUT[3, 4, 5]],
-    ),
-    "block of late messages": (
-        states(MOTION[BLOCK], STAMPS[BLOCK], STAMPS),
-        {"out_of_order": 30},
-        [MOTION],
     ),
     "zeros with equal stamps": (
         together(zeros(N, 100, 0), states()),
