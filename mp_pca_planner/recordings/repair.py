@@ -159,9 +159,10 @@ def choose_joints(states: JointStates, joints: Sequence[str] | None) -> Names:
         are more than are accepted.
     """
     if not states.header_stamps.size:
+        n, why = states.n_malformed, "must name as many different joints as it has positions"
         raise RecordingError(
-            f"there is no well-formed message on '{states.topic}': each of its "
-            f"{states.n_malformed} messages must name as many different joints as it has positions"
+            f"there is no well-formed message on '{states.topic}'"
+            + (f": each of its {n} messages {why}" if n else "")
         )
     if joints is None:
         names = _common_joints(states)
