@@ -50,8 +50,9 @@ def joint_values(
     else:
         numbers = read_numbers(text, f"{what}, name=value,… or a list,")
         if len(numbers) != len(names):
+            hint = "; a pose is --goal-pose 'X Y Z …'" if "goal" in what else ""
             raise GoalError(
-                f"{what} has {len(numbers)} values, expected {len(names)}: {', '.join(names)}"
+                f"{what} has {len(numbers)} values, expected {len(names)}: {', '.join(names)}{hint}"
             )
         values = dict(zip(names, numbers, strict=True))
     return {name: math.radians(x) if name in angles else x for name, x in values.items()}

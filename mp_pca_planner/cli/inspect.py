@@ -43,7 +43,12 @@ def run(arguments: argparse.Namespace) -> int:
             say(*lines, "")
     if arguments.json:
         print_json({"files": reports})
-    return status if any(facts.get("refusal") is None for facts in reports) else REFUSED
+    refused = [facts["refusal"] for facts in reports if facts.get("refusal")]
+    if len(refused) < len(reports):
+        return status
+    for reason in refused:
+        complain(f"{PROGRAM} inspect: {reason}")
+    return REFUSED
 
 
 def _contents(name: str, arguments: argparse.Namespace) -> tuple[list[dict[str, Any]], list[str]]:

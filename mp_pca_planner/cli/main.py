@@ -121,8 +121,7 @@ def parse(name: str, argv: Sequence[str]) -> argparse.Namespace:
     try:
         return parser_with(name).parse_args([name, *words[:cut]] if name else ["--help"], given)
     except UsageError as error:
-        number = r" [-+]?[\d.]+(e[-+]?\d+)?"
-        if re.search(f"{number}{number}( |$)", " ".join(["", *words])) is None:
+        if re.search(r"unrecognized arguments: [-+]?[\d.]", str(error)) is None:
             raise
         hint = "put quotes around the numbers of a pose, as in '0.4 0.1 0.6'"
         raise UsageError(f"{hint}: {error}") from None

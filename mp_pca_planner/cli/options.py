@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..arrays import read_values
-from ..planning.options import AUTO, BASES, MODES, OPTIMAL, TIMINGS
+from ..exceptions import RecordingError
+from ..planning.options import AUTO, BASES, MAX_NATURALNESS, MODES, OPTIMAL, TIMINGS
 from ..renaming import read_rename
 from ..robot.limits import given_limits
 
@@ -113,8 +114,12 @@ def reading_options(arguments: argparse.Namespace) -> dict[str, Any]:
 
     scale: dict[str, float] = {}
     for text in arguments.scale:
-        is_value = "=" in text
-        scale |= read_values(text, "--scale", "joint") if is_value else scale_of_calibration(text)
+        if "=" in text:
+            scale |= read_values(text, "--scale", "joint")
+        elif Path(text).is_file():
+            scale |= scale_of_calibration(text)
+        else:
+            raise RecordingError(f"--scale '{text}' is neither JOINT=FACTOR nor a calibration file")
     return {
         "topic": arguments.topic,
         "state_field": arguments.field,
@@ -186,7 +191,7 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
     add("--timing", choices=TIMINGS, default=AUTO, help=help_text)
     add("--basis", choices=BASES, default=BASES[0], help="basis functions")
     help_text = "1: like the demonstrations, 0: least effort (default: by score)"
-    add("--naturalness", metavar="ρ", type=number(0.0, 1.0), help=help_text)
+    add("--naturalness", metavar="ρ", type=number(0.0, MAX_NATURALNESS), help=help_text)
     most = number(0.0, 1e6)
     help_text = "most speed and acceleration, in demonstrated ones; 0: only limits"
     add("--demonstrated-margin", metavar="M", type=most, default=1.2, help=help_text)
@@ -196,8 +201,8 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
     add("--max-solve-time", metavar="S", type=seconds, help=help_text)
     help_text = "sum to minimise of effort, energy, jerk, time, straightness"
     add("--objective", metavar="NAME=WEIGHT,…", default="effort=1", help=help_text)
-    help_text = "upright:FRAME:DEGREES keeps the z axis of a frame upright"
-    add("--constraint", metavar="NAME:VALUE…;…", default="", help=help_text)
+    help_text = "upright:FRAME:DEGREES keeps its z axis (or :X:Y:Z) within this angle of upright"
+    add("--constraint", metavar="TEXT;…", default="", help=help_text)
 
 
 def _add_collisions(parser: argparse.ArgumentParser) -> None:

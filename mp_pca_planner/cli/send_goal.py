@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -45,7 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--degrees", action="store_true", help="positions are in degrees")
     help_text = "primitive to use (default: the nearest)"
     parser.add_argument("--primitive", metavar="NAME", default="", help=help_text)
-    help_text = "longest time to wait for the node, and for arrival after the motion [s]"
+    help_text = "longest time to wait for the node (default: that of --timeout), and for arrival "
+    help_text += f"after the motion [s] (default: {_MARGIN:g}); 0: not for arrival"
     parser.add_argument("--wait", metavar="S", type=number(0.0, 1e6, "s"), help=help_text)
     add_node(parser)
     add_json(parser)
@@ -74,7 +76,7 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
     # A node that has just started waits for its robot first.
     client.wait_for_diagnostics(lambda found: not found["text"].startswith(WAITING), longest)
     found = client.send(message, arguments.timeout)
-    facts: dict[str, Any] = {"message": found.message, **report_values(found)}
+    facts = {"message": found.message, **_with_numbers(report_values(found))}
     if not arguments.json:
         say(found.message)
     status = DONE if is_served(found) else FAILED
@@ -82,13 +84,24 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
     execution = None if arguments.wait == 0.0 else client.execution(found, margin)
     if execution is not None:
         values = report_values(execution)
-        facts["execution"] = {"message": execution.message, **values}
+        facts["execution"] = {"message": execution.message, **_with_numbers(values)}
         status = DONE if values["outcome"] == MotionOutcome.ARRIVED else FAILED
         if not arguments.json:
             say(execution.message)
     if arguments.json:
         print_json(facts)
     return REFUSED if found.level == DiagnosticStatus.ERROR else status
+
+
+def _with_numbers(values: dict[str, str]) -> dict[str, Any]:
+    """Values of a report; texts that are numbers become numbers, but not the stamp of the goal."""
+    found: dict[str, Any] = dict(values)
+    for name, text in values.items():
+        if name != "goal_stamp" and re.fullmatch(r"-?\d+", text):
+            found[name] = int(text)
+        elif name != "goal_stamp" and re.fullmatch(r"-?\d+(\.\d+)?(e[-+]?\d+)?", text):
+            found[name] = float(text)
+    return found
 
 
 def _pose_message(arguments: argparse.Namespace, _: GoalClient) -> Any:
@@ -106,7 +119,15 @@ def _joint_message(arguments: argparse.Namespace, client: GoalClient) -> Any:
 
     from ..ros.goals import to_sequence_message
 
-    text = arguments.goal.partition("@")[0]
+    goal = arguments.goal
+    for option, text in [*(("--via or --stop", via) for via in arguments.via), ("the goal", goal)]:
+        if ":" in text and "=" not in text:
+            raise GoalError(
+                f"{option} '{text}' is a pose, but the node takes joint positions here, such as "
+                "name=value,…; it takes a single pose as --goal-pose, and `plan` takes sequences "
+                "of poses"
+            )
+    text = goal.partition("@")[0]
     names = [part.partition("=")[0].strip() for part in text.split(",") if "=" in part]
     if not names:  # those of the node, as the robot description has them
         read_numbers(text, "the goal, name=value,… or a list,")
@@ -126,10 +147,10 @@ def _joint_message(arguments: argparse.Namespace, client: GoalClient) -> Any:
             )
         return JointState(names, [values[name] for name in names])
 
-    goal = sequence_goal(arguments, read, ("the goal", arguments.goal))
-    last = goal.targets[-1]
-    if len(goal.targets) > 1 or goal.times[0] is not None or isinstance(last, Pose):
-        message = to_sequence_message(goal)
+    found = sequence_goal(arguments, read, ("the goal", goal))
+    last = found.targets[-1]
+    if len(found.targets) > 1 or found.times[0] is not None or isinstance(last, Pose):
+        message = to_sequence_message(found)
     else:
         message = JointStateMessage(name=names, position=last.positions.tolist())
     message.header.frame_id = arguments.primitive

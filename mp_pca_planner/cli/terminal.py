@@ -10,6 +10,7 @@ import re
 import sys
 import traceback
 from collections.abc import Callable
+from difflib import get_close_matches
 from typing import Any, NoReturn
 
 from ..exceptions import PlannerError, printable
@@ -32,8 +33,25 @@ class Parser(argparse.ArgumentParser):
         # Lists such as -0.2,0.1 are values, too, not options.
         self._negative_number_matcher = re.compile(r"-[\d.]")
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Reject unknown options of a command by name, before options that are missing."""
+        self._words = [word.partition("=")[0] for word in args or ()]
+        known = self._option_string_actions
+        if self._subparsers is None:
+            for word in self._words:
+                if word.startswith("--") and word != "--" and word not in known:
+                    close = get_close_matches(word, known, n=1)
+                    hint = f" (did you mean {close[0]}?)" if close else ""
+                    self.error(f"there is no option {word}{hint}")
+        return super().parse_known_args(args, namespace)
+
     def error(self, message: str) -> NoReturn:
-        """Raise the error."""
+        """Raise the error; of groups of which one option is needed, argparse names only one."""
+        if "arguments are required" in message:
+            for group in self._mutually_exclusive_groups:
+                names = [name for one in group._group_actions for name in one.option_strings]
+                if group.required and names and not set(names) & set(self._words):
+                    message += f", {' or '.join(names)}"
         raise UsageError(f"{message} (see --help)")
 
 

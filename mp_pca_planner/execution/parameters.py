@@ -25,7 +25,7 @@ from ..exceptions import (
 )
 from ..input_limits import INPUT_LIMITS
 from ..planning.objectives import objective_weights
-from ..planning.options import TIMINGS, PlannerOptions
+from ..planning.options import MAX_NATURALNESS, TIMINGS, PlannerOptions
 
 
 def locked_positions(text: str) -> dict[str, float]:
@@ -253,7 +253,7 @@ class Settings:
         predicted motion's effort; 0: least effort alone. Below 0: 1 for goals like the
         demonstrations, (3 / score)³ for in-span scores above 3.""",
         low=-1.0,
-        high=1e6,
+        high=MAX_NATURALNESS,
     )
     max_in_span_score: float = _declared(
         PlannerOptions.max_in_span_score,

@@ -17,6 +17,8 @@ AUTO, DEMONSTRATED, SHORTEST, FREE = "auto", "demonstrated", "shortest", "free"
 TIMINGS = (AUTO, DEMONSTRATED, SHORTEST, FREE)
 REAL_TIME, OPTIMAL = "real_time", "optimal"
 MODES = (REAL_TIME, OPTIMAL)
+MAX_NATURALNESS = 1.0
+"""Largest naturalness ρ: motions like the demonstrations."""
 MOST_STARTS = 5
 """Largest number of starts: expected weights, mean shape, and those of three similar motions."""
 
@@ -69,10 +71,10 @@ class PlannerOptions:
         like the demonstrations. Elsewhere (in-span score above 3, or a detour) it is free, but not
         longer than predicted unless the limits require it.
     naturalness : float, optional
-        ρ: cost of a motion one standard deviation away from the expected one, as a share of the
-        cost of the expected motion, or more. 0: least effort alone, whose motions may be far from
-        the demonstrations. None: 1 for requests like the demonstrations, (3 / score)³ where the
-        in-span score is above 3, see :func:`.naturalness_for`.
+        ρ, 0 to 1: cost of a motion one standard deviation away from the expected one, as a share of
+        the cost of the expected motion, or more. 0: least effort alone, whose motions may be far
+        from the demonstrations. None: 1 for requests like the demonstrations, (3 / score)³ where
+        the in-span score is above 3, see :func:`.naturalness_for`.
     max_in_span_score : float
         In-span score above which no motion is executable: the request is too far from the
         demonstrations. 0: none is too far.
@@ -145,7 +147,7 @@ class PlannerOptions:
         check_number(self.sample_period, "sample_period [s]", GoalError, 1e-4, 1.0)
         check_number(self.max_solve_time, "max_solve_time [s]", GoalError, 1e-9)
         if self.naturalness is not None:
-            check_number(self.naturalness, "naturalness", GoalError, 0.0, 1e12)
+            check_number(self.naturalness, "naturalness", GoalError, 0.0, MAX_NATURALNESS)
         check_number(self.max_in_span_score, "max_in_span_score", GoalError, 0.0, 1e6)
         check_number(self.demonstrated_margin, "demonstrated_margin", GoalError, 0.0, 1e6)
         check_number(self.n_starts, "n_starts", GoalError, 1, MOST_STARTS, is_whole=True)

@@ -64,6 +64,7 @@ def test_build_primitives_learns_the_motions_of_a_bag(recording, tmp_path):
         (["--output", "p.npz", "--topic", "/states"], "/states"),
         (["--output", "no/such/folder/p.npz"], "no/such/folder"),
         ([], "--output"),
+        (["--output", "p.npz", "--scale", "joint1"], "'joint1' is neither JOINT=FACTOR nor"),
     ],
 )
 def test_build_primitives_refuses_in_one_line(recording, tmp_path, monkeypatch, options, message):
@@ -86,6 +87,10 @@ def test_inspect_shows_what_it_can_and_refuses_the_rest(recording, primitive, tm
     (facts,) = result("inspect", primitive)["files"]
     assert facts["name"] == "arm_arm_4" and facts["n_components"] == 4
     assert len(facts["metadata"]["demonstrations"]) == 20
+    empty = tmp_path / "empty.csv"
+    empty.write_text("")
+    done = run("inspect", empty)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "empty.csv" in done.stderr
     broken = tmp_path / "broken.npz"
     broken.write_bytes(primitive.read_bytes()[:-100])
     done = run("inspect", broken, primitive, recording[0])
@@ -202,6 +207,9 @@ ENDS = ["--start", START, "--goal", GOAL]
         ([*ENDS, "--output", "m.xyz"], "must end in .csv"),
         ([*ENDS, "--package-dirs", "nothere"], "there is no folder 'nothere'"),
         ([*ENDS, "--limits", URDF], "limits file"),
+        ([*ENDS, "--naturalness", "2"], "not a number from 0 to 1"),
+        ([*ENDS, "--constraint", "upright:wrist"], "a frame and an angle, upright:FRAME:DEGREES"),
+        (["--start", START, "--goal", "0.4 0.1 0.6"], "a pose is --goal-pose 'X Y Z …'"),
         ([*ENDS, "--margin", "0.1"], "also pass --obstacles"),
         ([*ENDS, "--no-collision", "--srdf", "x.srdf"], "remove --no-collision"),
     ],

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -319,7 +320,7 @@ def test_names_of_primitives_are_no_paths(
 def test_commands_send_goals_poses_sequences_and_stops_and_print_their_reports(
     client: NodeClient, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def send(*words: str) -> tuple[dict[str, str], JointTrajectory]:
+    def send(*words: str) -> tuple[dict[str, Any], JointTrajectory]:
         n = len(client.trajectories)
         assert main(["send_goal", *words, "--wait", "0", "--json"]) == 0
         trajectory = client.next_trajectory(n, HANG)
@@ -328,7 +329,7 @@ def test_commands_send_goals_poses_sequences_and_stops_and_print_their_reports(
 
     with other_process(publish_states, 50.0, START):
         report, trajectory = send(f"elbow={math.degrees(GOAL[3])}", "--degrees")
-        assert float(report["goal_error"]) == 0.0
+        assert report["goal_error"] == 0.0
         end = trajectory.points[-1].positions
         np.testing.assert_allclose(end, [*START[:3], GOAL[3]], atol=1e-12)
         assert main(["send_goal", "elbo=0.1"]) == 2
@@ -337,7 +338,7 @@ def test_commands_send_goals_poses_sequences_and_stops_and_print_their_reports(
         assert main(["send_goal", "[0.1, 0.2]", "--wait", "0"]) == 2
         assert "has 2 values, expected 4: " in capsys.readouterr().err
         report, trajectory = send("elbow=-0.3@2", "--via", "elbow=-0.6@1")
-        assert report["n_segments"] == "2"
+        assert report["n_segments"] == 2
         at = [times(trajectory).index(WAIT + seconds * 10**9) for seconds in (1, 2)]
         assert column(trajectory, "positions")[at, 3].tolist() == [-0.6, -0.3]
         robot = arm_robot()

@@ -20,6 +20,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
         (["elbow=1@soon"], "not a number from"),
         (["elbow=1@1", "--via", "elbow=2@2"], "increase"),
         (["elbow=1", "--via", "shoulder=2"], "no joint of the goal is called 'shoulder'"),
+        (["elbow=1", "--via", "hand: 0.1 0 0"], "'hand: 0.1 0 0' is a pose, but the node takes"),
         (["elbow=1", "--node", "a-b"], "no node can be called '/a-b'"),
         (["--pose", "0.5 0.2"], "a position has 3 (x y z) and a pose 7"),
     ],

@@ -82,6 +82,10 @@ def test_goals_of_the_node_are_positional_or_options() -> None:
     [
         ([*GOAL_OF_PLAN, "--goal-pose", "0.1", "0.5", "-4e-1"], "put quotes around the numbers"),
         ([*GOAL_OF_PLAN, "--goal", "0", "--duration", "601"], "a number from 0.001 to 600 s"),
+        ([*GOAL_OF_PLAN[:4], "--strat", "0"], "no option --strat (did you mean --start?)"),
+        ([*GOAL_OF_PLAN], "the arguments --goal --goal-pose is required"),
+        (["plan", "FILE"], "required: --robot, --start, --goal or --goal-pose"),
+        (["plan", "FILE", "--goal-pose", "0.4 0.1 0.6"], "plan: the following arguments are"),
         (["send_obstacles", "1", "2"], "put quotes around the numbers"),
         (["view", "--robot", "arm.urdf"], "pass primitive files and --robot URDF"),
     ],

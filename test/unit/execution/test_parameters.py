@@ -19,7 +19,7 @@ from mp_pca_planner.execution.parameters import (
     locked_positions,
 )
 from mp_pca_planner.files import config_file
-from mp_pca_planner.planning.options import PlannerOptions
+from mp_pca_planner.planning.options import MAX_NATURALNESS, PlannerOptions
 
 BY_NAME = {declaration.name: declaration for declaration in DECLARATIONS}
 
@@ -115,3 +115,10 @@ def test_texts_of_several_values_are_read():
     found = fixed_frames(("", "map: 1 2 3", "camera: 0,0,1, 0 0 0.7071 0.7071"))
     assert found["map"] == [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0]
     assert found["camera"] == pytest.approx([0, 0, 1, 0, 0, 0.5**0.5, 0.5**0.5])
+
+
+def test_naturalness_has_the_same_bounds_in_python_and_in_the_node() -> None:
+    assert BY_NAME["naturalness"].high == MAX_NATURALNESS
+    assert PlannerOptions(naturalness=MAX_NATURALNESS).naturalness == MAX_NATURALNESS
+    with pytest.raises(PlannerError, match=r"naturalness must be a number from 0 to 1, got 2\.0"):
+        PlannerOptions(naturalness=2.0)

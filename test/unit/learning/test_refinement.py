@@ -115,7 +115,7 @@ def test_a_warp_increases_and_keeps_its_ends(c):
 def planned_stiffly():
     """A motion near the demonstrations, which refinement changes much."""
     states = arm_primitive().boundary_states
-    options = replace(PATIENT, naturalness=10.0)
+    options = replace(PATIENT, naturalness=1.0)
     planner = Planner(ROBOT, [arm_primitive()], LIMITS, options)
     return planner.plan(states[0, 3], states[0, 0])
 
