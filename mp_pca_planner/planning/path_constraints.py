@@ -119,8 +119,8 @@ def _upright(text: str) -> Upright:
         degrees, axis = float("nan"), []
     if not np.isfinite(degrees) or len(axis) not in (0, 3):
         raise GoalError(
-            "expected a frame and an angle, upright:FRAME:DEGREES, or also the axis of the frame, "
-            "upright:FRAME:DEGREES:X:Y:Z"
+            "expected upright:FRAME:DEGREES, or with the axis of the frame that is kept upright, "
+            "z unless given, upright:FRAME:DEGREES:X:Y:Z"
         )
     check_number(degrees, "the angle of an upright frame, in degrees,", GoalError, 0.1, 170.0)
     x, y, z = axis or (0.0, 0.0, 1.0)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 from operator import attrgetter
@@ -20,9 +21,10 @@ from .context import Budget, Context
 from .options import DEMONSTRATED, REAL_TIME
 from .plan import ALREADY_THERE, INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
 from .resolve import in_order
-from .search.candidate import JOINED, OPTIMISED, SLOW, Candidate
+from .search.candidate import JOINED, OPTIMISED, SLOW, Candidate, met_at
 from .search.detours import missing_planner
 from .search.stop_and_go import brakes
+from .time_scaling import shortest_durations
 
 # Distance from a demonstrated range, in standard deviations of its values, that is reported, that
 # of requests unlike the demonstrations, and the least of these deviations [rad or m].
@@ -31,8 +33,8 @@ _FAR_OUTSIDE, _OUTSIDE, _LEAST_SPREAD = 2.0, 0.5, 0.1
 _N_NAMED = 3
 # In-span score up to which a request is like the demonstrations; about 1 is usual.
 _LIKE_SCORE = 1.5
-# Clearance up to which it is measured [m], and points of the trajectory at which it is.
-_CLEARANCE_REACH, _N_CLEARANCES = 0.2, 60
+# Clearance up to which it is measured [m].
+_CLEARANCE_REACH = 0.2
 
 
 def report(context: Context, best: Candidate, budget: Budget, began: float) -> Plan:
@@ -122,7 +124,7 @@ def _headline(
         like = f"a goal {like}"
     parts.append(f"{like} your demonstrations (score {score:.1f})")
     if nearest is not None:
-        parts.append(f"{1e3 * nearest[0]:.0f} mm clear of '{nearest[1]}'")
+        parts.append(f"{math.floor(1e3 * nearest[0])} mm clear of '{nearest[1]}'")
     efforts, bounds = best.check.efforts, context.limits.effort
     if efforts is not None and np.isfinite(bounds).any():
         share = float(np.max(np.abs(efforts) / bounds))
@@ -137,13 +139,7 @@ def _nearest_obstacle(
     """The least distance from an obstacle [m] and its name; None if none is near."""
     if model is None or not len(model.world):
         return None
-    every = np.linspace(0, trajectory.n_steps - 1, min(trajectory.n_steps, _N_CLEARANCES))
-    obstacles = set(model.world.names)
-    pairs = np.array([i for i, (_, name) in enumerate(model.pairs) if name in obstacles])
-    if not pairs.size:
-        return None
-    q = trajectory.positions[every.astype(np.intp)]
-    if (least := model.body_pairs.least(q, pairs, _CLEARANCE_REACH)) is None:
+    if (least := model.clearance(trajectory, _CLEARANCE_REACH)) is None:
         return None
     distance, pair = least
     return distance + float(model.margins[pair]), model.pairs[pair][1]
@@ -164,7 +160,8 @@ def _verdict(context: Context, best: Candidate, budget: Budget, score: float) ->
     if budget.is_cut:
         searched = f"{ran_out} before a motion {{}} was found"
     why, kind = best.refusal, "within the limits"
-    if not why and (why := _met(context, best)):
+    if not why and best.collisions:
+        why = str(best.collisions[0])
         has_world = context.collision is not None and len(context.collision.world)
         kind = f"without {'collision' if has_world else 'self-collision'}"
     if not why and best.strayed:
@@ -174,6 +171,9 @@ def _verdict(context: Context, best: Candidate, budget: Budget, score: float) ->
     if not why and missed > POSE_TOLERANCE:
         kind = "that reaches its targets"
         why = f"the nearest motion misses a target by {missed:.3g} rad or m"
+    cause = _cause(context, best, is_refused=bool(why))
+    if cause:
+        return INFEASIBLE, cause
     if why:
         message = f"{searched.format(kind)}: {why}"
         if not (request.mode or request.duration_is_free):
@@ -200,18 +200,40 @@ def _verdict(context: Context, best: Candidate, budget: Budget, score: float) ->
     return SOLVED, ""
 
 
-def _met(context: Context, best: Candidate) -> str:
-    """Text on the collision of a motion, or of all stops beyond a goal in motion; or empty."""
-    if best.collisions:
-        return str(best.collisions[0])
+def _cause(context: Context, best: Candidate, *, is_refused: bool) -> str:
+    """Text on what the request itself makes impossible, whatever the time; empty if nothing.
+
+    A duration that the limits exclude, the configuration of a pose in collision, or the collision
+    of all stops beyond a goal in motion.
+    """
+    request, limits, model = best.request, context.limits, context.collision
+    is_fixed = not (request.mode or request.duration_is_free) and request.pose is None
+    if is_refused and is_fixed:
+        least = shortest_durations(limits, request.start, request.goal)
+        if least.max() > request.duration:
+            return (
+                f"the duration of {request.duration:.4g} s is too short: within its limits, joint "
+                f"'{limits.joint_names[least.argmax()]}' takes at least {least.max():.4g} s; "
+                "without a duration, timing 'shortest' finds the shortest one"
+            )
+    if model is None:
+        return ""
+    if is_refused:
+        targets = zip(request.target_names, request.segments, best.motions, strict=True)
+        for name, segment, motion in targets:
+            if segment.pose is not None and (found := met_at(model, motion.goal)):
+                return (
+                    f"{name} is in collision: {found[0].at_rest}; no configuration that reaches "
+                    "its pose without a collision was found"
+                )
     end = best.motions[-1].goal
-    if context.collision is None or not np.any(end.velocities):
+    if not np.any(end.velocities):
         return ""
     met, options = "", context.options
     for stop, check in brakes(context.robot, context.limits, end, options.sample_period):
         if check.violations:
             continue
-        found = context.collision.collisions(stop, precisely=False)
+        found = model.collisions(stop, precisely=False)
         if not found:
             return ""
         met = met or f"the motion ends at a velocity, and in the stop after it {found[0]}"

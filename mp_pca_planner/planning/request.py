@@ -95,6 +95,12 @@ class Request:
     duration_is_free: bool = field(init=False)
     is_shortest: bool = field(init=False)
 
+    @property
+    def target_names(self) -> list[str]:
+        """How messages name the targets of the segments."""
+        n = self.n_passed + len(self.segments)
+        return [*(f"target {i}" for i in range(self.n_passed + 1, n)), "the goal"]
+
     def __post_init__(self) -> None:
         first, last = self.segments[0], self.segments[-1]
         is_free = not self.groups[-1][1]

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import TrajectoryError
+from ..motion.goal import JointState
 from ..motion.interpolation import quintics
 from ..motion.validation import Violation
 from ..robot.limits import JointLimits
@@ -84,6 +85,20 @@ def kinematic_stretch(limits: JointLimits, rates: FloatArray) -> float:
     bounds = np.array([limits.velocity, limits.acceleration, limits.jerk])
     shares = np.max(np.abs(rates) / bounds[:, None], axis=(1, 2))
     return float(np.max(shares ** (1.0 / np.arange(1, 4))))
+
+
+def shortest_durations(limits: JointLimits, start: JointState, goal: JointState) -> FloatArray:
+    """Times [s], shape (n_joints,), in which no motion within the limits can be shorter.
+
+    Between rests, with the largest acceleration up to the largest velocity, and back; from or to a
+    motion, with the largest velocity alone.
+    """
+    distance = np.abs(goal.positions - start.positions)
+    is_at_rest = not np.any([start.velocities, goal.velocities])
+    acceleration = limits.acceleration if is_at_rest else np.inf
+    with np.errstate(invalid="ignore", divide="ignore"):  # no distance, or no limits
+        peak = np.minimum(limits.velocity, np.sqrt(distance * acceleration))
+        return np.nan_to_num(distance / peak + peak / acceleration, nan=0.0)
 
 
 def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: FloatArray) -> float:

@@ -131,10 +131,6 @@ _NEAR = 3e-3
 # all pairs take longer to make than a search for a path takes.
 _FEW, _MANY = 50, 300
 
-# Where the least distance is wanted, distances that are measured at once, and the share of the
-# configurations that is measured first.
-_AT_ONCE, _FEW_OF = 16, 8
-
 Indices = NDArray[np.intp]
 
 
@@ -347,35 +343,11 @@ class BodyPairs:
         rows = self._rows(poses, configurations, pairs, distances[is_near], points[is_near])
         return NearPairs(bounds, configurations, pairs, bounds[configurations, pairs], rows, q)
 
-    def least(self, q: FloatArray, pairs: Indices, reach: float) -> tuple[float, int] | None:
-        """The least distance of some pairs in some configurations [m], and its pair.
-
-        Parameters
-        ----------
-        q : array, shape (n_configurations, n_joints)
-            The configurations, at least one.
-        pairs : array of int, shape (n_pairs,)
-            The pairs, at least one.
-        reach : float
-            Largest distance of interest [m]; without any up to this, the result is None.
-        """
-        least, found = reach, None
-        # The least distance in a few of them decides which bounds of the others matter.
-        for some in (q[::_FEW_OF], q):
-            poses = self.poses(some)
-            bounds = self.bounds(poses, least)[:, pairs].ravel()
-            order = np.flatnonzero(bounds <= least)
-            order = order[np.argsort(bounds[order])]
-            for chosen in np.split(order, range(_AT_ONCE, order.size, _AT_ONCE)):
-                if not chosen.size or bounds[chosen[0]] > least:
-                    break
-                k, which = np.divmod(chosen, len(pairs))
-                entries = k, pairs[which], np.full(k.size, -np.inf)
-                distances = self._nearest_points(poses, *entries)[0] - self.margins[entries[1]]
-                if (nearest := distances.min()) <= least:
-                    least = float(nearest)
-                    found = least, int(entries[1][distances.argmin()])
-        return found
+    def nearest(self, poses: JointPoses, configurations: Indices, pairs: Indices) -> FloatArray:
+        """The same as `distances`, but of the meshes themselves also where their hulls are near."""
+        every = np.full(pairs.size, -np.inf)
+        found, _ = self._nearest_points(poses, configurations, pairs, every)
+        return found - self.margins[pairs]
 
     def nearest_point(self, q: FloatArray, pair: int) -> FloatArray:
         """Point of the second body of a pair that is nearest to the first one, shape (3,) [m]."""

@@ -208,7 +208,10 @@ ENDS = ["--start", START, "--goal", GOAL]
         ([*ENDS, "--package-dirs", "nothere"], "there is no folder 'nothere'"),
         ([*ENDS, "--limits", URDF], "limits file"),
         ([*ENDS, "--naturalness", "2"], "not a number from 0 to 1"),
-        ([*ENDS, "--constraint", "upright:wrist"], "a frame and an angle, upright:FRAME:DEGREES"),
+        (
+            [*ENDS, "--constraint", "upright:wrist"],
+            "upright:FRAME:DEGREES, or with the axis",
+        ),
         (["--start", START, "--goal", "0.4 0.1 0.6"], "a pose is --goal-pose 'X Y Z …'"),
         ([*ENDS, "--margin", "0.1"], "also pass --obstacles"),
         ([*ENDS, "--no-collision", "--srdf", "x.srdf"], "remove --no-collision"),

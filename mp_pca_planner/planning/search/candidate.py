@@ -14,7 +14,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...exceptions import TrajectoryError
-from ...motion.collision import Collision
+from ...motion.collision import Collision, CollisionModel
 from ...motion.goal import JointState
 from ...motion.interpolation import GRID_PERIOD
 from ...motion.trajectory import Trajectory
@@ -137,6 +137,13 @@ def sampled(context: Context, motions: Sequence[Motion]) -> tuple[Trajectory, Li
     q, v, a = np.concatenate(states, axis=1)
     trajectory = Trajectory(context.robot.joint_names, np.concatenate(times), q, v, a)
     return trajectory, check_limits(trajectory, context.robot, context.limits)
+
+
+def met_at(model: CollisionModel, state: JointState) -> tuple[Collision, ...]:
+    """The collisions of a robot that rests in the configuration of a state, the deepest first."""
+    zero = np.zeros((1, len(state.joint_names)))
+    still = Trajectory(state.joint_names, [0.0], [state.positions], zero, zero)
+    return model.collisions(still, precisely=False)
 
 
 def depth_of(collisions: Sequence[Collision]) -> float:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...motion.trajectory import Trajectory
 from ..context import Budget, Context
 from ..motion import cost_of, rank_of
 from ..objectives import effort
@@ -39,6 +38,7 @@ from .candidate import (
     checked,
     depth_of,
     least_violation,
+    met_at,
 )
 from .detours import along_path, missing_planner
 from .stop_and_go import slow_motion
@@ -126,16 +126,13 @@ def blocked(case: Case, budget: Budget) -> Candidate | None:
     if model is None:
         return None
     fixed = [("the start", request.start)]
-    for number, segment in enumerate(request.segments, start=1):
+    for name, segment in zip(request.target_names, request.segments, strict=True):
         if segment.pose is None:
-            is_last = number == len(request.segments)
-            fixed.append(("the goal" if is_last else f"target {number}", segment.goal))
+            fixed.append((name, segment.goal))
     if not model.collide_anywhere(np.array([state.positions for _, state in fixed])):
         return None
-    zero = np.zeros((1, context.robot.n_joints))
     for name, state in fixed:
-        still = Trajectory(state.joint_names, [0.0], [state.positions], zero, zero)
-        if met := model.collisions(still, precisely=False):
+        if met := met_at(model, state):
             advice = ": move the robot or the obstacle first" if state is request.start else ""
             if met[0].links[1] not in model.world.names:
                 advice = "; if they may touch, name the two links in an SRDF file (srdf)"

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Collisions of motions, of links with each other and with obstacles."""
 
+import re
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -184,3 +186,35 @@ def test_configuration_for_a_pose_is_one_without_collision():
     point = robot.frame_positions(np.array([[0.3, 1.9, 2.3]]), ["c"])[0, 0]
     plan = chain_planner(CollisionModel(robot)).plan(mp.Pose("c", point), [0.0, 1.5, 1.6])
     assert plan.is_executable and chain_distances(plan.trajectory).min() > 0.0
+
+
+@pytest.mark.parametrize("duration", [None, 12.0])
+def test_clearance_of_the_headline_is_the_least_one_on_a_fine_grid_rounded_down(duration):
+    rng, planner, n_near = np.random.default_rng(2), arm_planner(), 0
+    for i in range(6):
+        targets = [SHOWN[j].positions[-1] for j in rng.permutation(4)[: 1 if duration else 4]]
+        motion = planner.plan(targets, SHOWN[i].positions[0], duration=duration).trajectory
+        world = ball_on_path(motion, rng.uniform(0.2, 0.8))
+        at = world.obstacles[0].shapes[0].position + rng.normal(0.0, 0.08, 3)
+        world = mp.World([mp.Obstacle("ball", mp.Sphere(0.03, at))])
+        plan = arm_planner(world).plan(targets, SHOWN[i].positions[0], duration=duration)
+        least = clearance(plan.trajectory, world)
+        if plan.is_executable and least < 0.19:
+            n_near += 1
+            assert plan.facts["clearance"] == pytest.approx(least - 1e-4, abs=1.1e-4)
+            (said,) = re.findall("([0-9]+) mm clear of 'ball'", plan.message)
+            assert 1e3 * least - 1.3 <= float(said) <= 1e3 * least + 1e-2
+    assert n_near >= 3
+
+
+@pytest.mark.parametrize("seconds", [1e-9, 5.0])
+def test_a_pose_in_an_obstacle_is_named_however_much_time_there_is(seconds):
+    start, goal = SHOWN[2].positions[[0, -1]]
+    hand = arm_robot().frame_positions(goal[None], ["wrist"])[0, 0]
+    world = mp.World([mp.Obstacle("ball", mp.Sphere(0.05, hand))])
+    pose, via = mp.Pose("wrist", hand), SHOWN[3].positions[-1]
+    for targets, name in ((pose, "the goal"), ([via, pose], "the goal"), ([pose, via], "target 1")):
+        plan = arm_planner(world).plan(targets, start, budget=mp.Budget(seconds))
+        assert plan.status == INFEASIBLE
+        assert plan.message.startswith(f"{name} is in collision: ") and "'ball'" in plan.message
+        assert "no configuration that reaches its pose" in plan.message

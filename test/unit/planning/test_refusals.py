@@ -17,6 +17,7 @@ from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.plan import ALREADY_THERE
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.resolve import check_goal
+from mp_pca_planner.planning.time_scaling import shortest_durations
 from mp_pca_planner.primitives.build import build_primitive
 
 GOAL, START = request(1)
@@ -174,3 +175,25 @@ def test_absurd_requests_are_refused_or_come_to_an_honest_plan(numbers, duration
         assert kind == "pose" or np.abs(np.array([q - q0, v])[:, chosen]).max() <= 1e-4
     else:
         assert found.limit_check.worst_excess > 0.0
+
+
+def test_a_duration_below_what_limits_allow_is_named_even_without_time_to_plan():
+    found = plan(JointGoal(THERE, duration=0.02), max_solve_time=1e-9)
+    assert not found.is_executable and "ran out" not in found.message
+    assert "the duration of 0.02 s is too short: within its limits, joint" in found.message
+
+
+def test_no_motion_is_shorter_than_the_shortest_durations():
+    limits = arm_robot().limits({"elbow": {"max_velocity": 2.0, "max_acceleration": 4.0}})
+    there = JointState(JOINTS, HERE + 3.0 * np.eye(4)[3])
+    start = JointState(JOINTS, HERE)
+    # One second up to 2 rad/s and half a second on, then down: 1 + 1 + 1 rad.
+    assert shortest_durations(limits, start, there)[3] == pytest.approx(2.0)
+    near = JointState(JOINTS, HERE + 0.25 * np.eye(4)[3])
+    assert shortest_durations(limits, start, near)[3] == pytest.approx(0.5)
+    moving = JointState(JOINTS, HERE, [0.0, 0.0, 0.0, 2.0])
+    assert shortest_durations(limits, moving, there)[3] == pytest.approx(1.5)
+    assert shortest_durations(limits, start, start).tolist() == [0.0] * 4
+    fastest = planner(timing="shortest").plan(GOAL, START)
+    bound = shortest_durations(planner().limits, START, fastest.motions[-1].goal)
+    assert bound.max() <= fastest.duration
