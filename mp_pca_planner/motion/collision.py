@@ -307,8 +307,8 @@ class CollisionModel:
         found = [self._collision(dense, k, moments) for k, moments in met.items()]
         return tuple(sorted(found, key=attrgetter("penetration"), reverse=True))
 
-    def clearance(self, trajectory: Trajectory, reach: float) -> tuple[float, int] | None:
-        """The least distance of a motion from an obstacle beside its margin [m], and its pair.
+    def clearance(self, trajectory: Trajectory, reach: float) -> tuple[float, str] | None:
+        """The least distance of a motion from an obstacle [m], whose name follows it.
 
         Intervals in which a pair may come nearer are halved, down to 2 ms. The result is a lower
         bound, at most 0.1 mm too small.
@@ -320,8 +320,10 @@ class CollisionModel:
         reach : float
             Largest distance of interest [m]; without any up to this, the result is None.
         """
-        bodies, are_near = self.body_pairs, np.full(len(self.pairs), -np.inf)
-        obstacles = frozenset(self.world.names)
+        bodies, obstacles = self.body_pairs, frozenset(self.world.names)
+        if not obstacles:
+            return None
+        are_near = np.full(len(self.pairs), -np.inf)
         are_near[[one[1] in obstacles for one in self.pairs]] = reach
         n, at = _samples(trajectory)
         grid = np.linspace(0, n - 1, _N_FIRST).astype(np.intp)
@@ -356,7 +358,9 @@ class CollisionModel:
             kept = ends.sum(axis=0) - closed < 2.0 * (least - _PRECISION)
             kept &= samples[1] - samples[0] > 2
             if not kept.any():
-                return None if found is None else (least - _PRECISION, found)
+                if found is None:
+                    return None
+                return float(least - _PRECISION + self.margins[found]), self.pairs[found][1]
             pairs, samples = pairs[kept], samples[:, kept]
             ends, moved = ends[:, kept], moved[:, kept]
             middle = samples.sum(axis=0) // 2

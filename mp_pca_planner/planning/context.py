@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from copy import copy
 from dataclasses import dataclass
 from functools import cache
@@ -77,24 +77,19 @@ def one_blas_thread() -> Iterator[None]:
 
     No effect if threadpoolctl is not installed, as in ROS workspaces that lack it.
     """
-    several = [(one, one.num_threads) for one in _libraries() if (one.num_threads or 1) > 1]
-    for library, _ in several:
-        library.set_num_threads(1)
-    try:
+    controller = _blas()
+    with nullcontext() if controller is None else controller.limit(limits=1):
         yield
-    finally:
-        for library, n_threads in several:
-            library.set_num_threads(n_threads)
 
 
 @cache
-def _libraries() -> list[Any]:
-    """The BLAS libraries of the process; NumPy's and SciPy's are loaded when planning begins."""
+def _blas() -> Any:
+    """Controls the BLAS libraries of the process, which are loaded when planning begins."""
     try:
         from threadpoolctl import ThreadpoolController
     except ImportError:
-        return []
-    return list(ThreadpoolController().select(user_api="blas").lib_controllers)
+        return None
+    return ThreadpoolController().select(user_api="blas")
 
 
 class Budget:

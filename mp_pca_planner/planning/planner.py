@@ -47,7 +47,7 @@ from .objectives import uses_efforts
 from .options import FREE, MODES, OPTIMAL, SHORTEST, PlannerOptions
 from .plan import Plan
 from .report import already_there, report
-from .resolve import Selector, in_order, resolve, target
+from .resolve import in_order, in_span_scores, resolve, target
 from .search.search import search
 
 # Time that is kept for the last checks and for a slow motion where no other was found, for each
@@ -148,8 +148,6 @@ class Planner:
         if any(uses_efforts(objective, self.robot) for _, objective in self.options.objectives):
             others = "choose an objective without efforts, such as jerk"
             self.robot.require_inertias("objectives with efforts", others)
-        objectives, most = self.options.objectives, self.options.max_in_span_score
-        self._selector = Selector(self.robot, self.primitives, objectives, most)
         longest = INPUT_LIMITS.longest_motion(self.options.sample_period)
         self._context = Context(self.robot, self.limits, self.options, collision, longest)
 
@@ -191,9 +189,10 @@ class Planner:
         most = self.options.max_in_span_score
         if not most:
             return False
-        selector = self._selector
-        selector = selector if goal.primitive is None else selector.named(goal.primitive)
-        return selector.least_score(start.positions, end.positions, goal.duration) > most
+        named = goal.primitive
+        primitives = self.primitives if named is None else [self.primitives.named(named)]
+        ends = start.positions, end.positions
+        return bool(in_span_scores(self.robot, primitives, *ends, goal.duration).min() > most)
 
     @one_blas_thread()
     def plan(
@@ -256,7 +255,7 @@ class Planner:
         budget = copy(Budget(self.options.max_solve_time) if budget is None else budget)
         budget.whole = budget
         budget.deadline -= min(n_segments * _TIME_FOR_CHECKS, 0.4 * budget.seconds)
-        requests = resolve(context, self._selector, goal, start, mode, budget)
+        requests = resolve(context, self.primitives, goal, start, mode, budget)
         if isinstance(requests, tuple) and not requests:
             return already_there(context, start, began)
         return report(context, search(context, requests, budget), budget, began)

@@ -54,7 +54,8 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
     solve_time, request, trajectory = time.perf_counter() - began, best.request, best.trajectory
     correction = _correction(best)
     score, outside, error = _of_predictions(context, best)
-    nearest = _nearest_obstacle(context.collision, trajectory)
+    model = context.collision
+    nearest = None if model is None else model.clearance(trajectory, _CLEARANCE_REACH)
     status, message = _verdict(context, best, budget, score)
     if status != INFEASIBLE:
         is_shaped = context.options.basis == "pca" and correction > 0.0
@@ -63,7 +64,7 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
         parts += _concessions(best, correction if is_shaped else 0.0, unit)
         message = "; ".join(filter(None, parts))
     remarks = motion_remarks(score, best.check, outside)
-    collision = _collision_words(context.collision, best)
+    collision = _collision_words(model, best)
     limits = best.refusal if best.check.violations else "kept, on a grid of 1 ms"
     if unlimited := context.limits.unlimited:
         limits += f"; {unlimited}"
@@ -131,18 +132,6 @@ def _headline(
         name = "effort" if context.robot.prismatic_joints else "torque"
         parts.append(f"{100.0 * share:.0f} % of the {name} limit")
     return ", ".join(parts)
-
-
-def _nearest_obstacle(
-    model: CollisionModel | None, trajectory: Trajectory
-) -> tuple[float, str] | None:
-    """The least distance from an obstacle [m] and its name; None if none is near."""
-    if model is None or not len(model.world):
-        return None
-    if (least := model.clearance(trajectory, _CLEARANCE_REACH)) is None:
-        return None
-    distance, pair = least
-    return distance + float(model.margins[pair]), model.pairs[pair][1]
 
 
 def _verdict(context: Context, best: Candidate, budget: Budget, score: float) -> tuple[str, str]:

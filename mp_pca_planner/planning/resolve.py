@@ -34,7 +34,6 @@ from ..robot.model import Robot
 from .configurations import configurations_at, starts_near
 from .context import Budget, Context
 from .motion import Motion, cost_of, rank_of
-from .objectives import Objective, effort
 from .options import SHORTEST
 from .program.compile import expected_cost, tables_of
 from .request import Request, RequestSegment, naturalness_for, timing_for
@@ -56,96 +55,69 @@ Contender = tuple[MovementPrimitive, ConditionalDistribution]
 """A primitive and its prediction for a request."""
 
 
-class Selector:
-    """Chooses among primitives of the same joints.
+def in_span_scores(
+    robot: Robot,
+    primitives: Iterable[MovementPrimitive],
+    start: FloatArray,
+    goal: FloatArray,
+    duration: float | None = None,
+) -> FloatArray:
+    """In-span scores of end points [rad or m] and a time [s] for primitives, (n_primitives,)."""
+    found = list[float]()
+    for model in (primitive.model for primitive in primitives):
+        found.append(model.in_span_score(*model.turned(start, goal, robot.continuous), duration))
+    return np.array(found)
+
+
+def choose(
+    context: Context,
+    primitives: PrimitiveLibrary,
+    start: FloatArray,
+    goal: FloatArray,
+    duration: float | None = None,
+) -> list[Contender]:
+    """The best primitives for a motion from rest to rest.
 
     Parameters
     ----------
-    robot : Robot
-        The model.
-    primitives : PrimitiveLibrary or sequence of MovementPrimitive
-        At least one.
-    objectives : sequence of (float, Objective)
-        Running costs and their weights, as in :class:`.PlannerOptions`.
-    max_score : float
-        In-span score above which a primitive is only chosen if all are above it; 0: none.
+    context : Context
+        Robot and options. Primitives above `max_in_span_score` are only chosen if all are.
+    primitives : PrimitiveLibrary
+        The primitives.
+    start, goal : array, shape (n_joints,)
+        End points [rad or m].
+    duration : float, optional
+        Duration [s]; the one that each primitive predicts unless given.
+
+    Returns
+    -------
+    contenders : list of Contender
+        The one with the least expected cost, then those whose costs are too close to it to be
+        ranked.
     """
-
-    def __init__(
-        self,
-        robot: Robot,
-        primitives: Sequence[MovementPrimitive],
-        objectives: Sequence[tuple[float, Objective]] = ((1.0, effort),),
-        max_score: float = 0.0,
-    ) -> None:
-        self._robot, self._max_score = robot, max_score
-        self.primitives = PrimitiveLibrary.of(primitives)
-        self._objectives = tuple(objectives)
-
-    def named(self, name: str) -> Selector:
-        """The selector for the primitive of that name alone.
-
-        Raises
-        ------
-        GoalError
-            If no primitive has that name.
-        """
-        return Selector(self._robot, [self.primitives.named(name)], self._objectives)
-
-    def least_score(
-        self, start: FloatArray, goal: FloatArray, duration: float | None = None
-    ) -> float:
-        """The least in-span score of all primitives for end points [rad or m] and a time [s]."""
-        return float(self._scores(start, goal, duration).min())
-
-    def _scores(self, start: FloatArray, goal: FloatArray, duration: float | None) -> FloatArray:
-        """In-span scores of a request for all primitives, shape (n_primitives,)."""
-        found, continuous = list[float](), self._robot.continuous
-        for model in (primitive.model for primitive in self.primitives):
-            found.append(model.in_span_score(*model.turned(start, goal, continuous), duration))
-        return np.array(found)
-
-    def choose(
-        self, start: FloatArray, goal: FloatArray, duration: float | None = None
-    ) -> list[Contender]:
-        """The best primitives for a motion from rest to rest.
-
-        Parameters
-        ----------
-        start, goal : array, shape (n_joints,)
-            End points [rad or m].
-        duration : float, optional
-            Duration [s]; the one that each primitive predicts unless given.
-
-        Returns
-        -------
-        contenders : list of Contender
-            The one with the least expected cost, then those whose costs are too close to it to be
-            ranked.
-        """
-        chosen = np.zeros(1, dtype=np.intp)
-        if len(self.primitives) > 1:
-            scores = self._scores(start, goal, duration)
-            nearest = np.argsort(scores, kind="stable")[:_MAX_CONSIDERED]
-            scores = scores[nearest]
-            most = max(self._max_score or np.inf, float(scores.min()))
-            near_score = max(_RELATIVE_SCORE * float(scores.min()), _NEAR_SCORE)
-            chosen = nearest[(scores <= near_score) & (scores <= most)]
-        found, costs = list[Contender](), list[float]()
-        here, there = (JointState(self._robot.joint_names, q) for q in (start, goal))
-        for primitive in (self.primitives[i] for i in chosen):
-            turned = primitive.model.turned(start, goal, self._robot.continuous)
-            expected = primitive.model.predict(*turned, duration)
-            found.append((primitive, expected))
-            if len(chosen) == 1:
-                return found
-            # Without time scaling: tables for each request would dominate the computing time.
-            tables = tables_of(primitive)
-            motion = Motion(here, there, expected.duration, tables.basis, expected.weights)
-            costs.append(rank_of(cost_of(self._robot, motion, tables, self._objectives)))
-        cheapest = np.argsort(costs, kind="stable")[:_MAX_CONTENDERS]
-        near = (1.0 + _USUAL_ERROR) * min(costs)
-        return [found[i] for i in cheapest if costs[i] <= near]
+    robot, chosen = context.robot, np.zeros(1, dtype=np.intp)
+    if len(primitives) > 1:
+        scores = in_span_scores(robot, primitives, start, goal, duration)
+        nearest = np.argsort(scores, kind="stable")[:_MAX_CONSIDERED]
+        scores = scores[nearest]
+        most = max(context.options.max_in_span_score or np.inf, float(scores.min()))
+        near_score = max(_RELATIVE_SCORE * float(scores.min()), _NEAR_SCORE)
+        chosen = nearest[(scores <= near_score) & (scores <= most)]
+    found, costs = list[Contender](), list[float]()
+    here, there = (JointState(robot.joint_names, q) for q in (start, goal))
+    for primitive in (primitives[i] for i in chosen):
+        turned = primitive.model.turned(start, goal, robot.continuous)
+        expected = primitive.model.predict(*turned, duration)
+        found.append((primitive, expected))
+        if len(chosen) == 1:
+            return found
+        # Without time scaling: tables for each request would dominate the computing time.
+        tables = tables_of(primitive)
+        motion = Motion(here, there, expected.duration, tables.basis, expected.weights)
+        costs.append(rank_of(cost_of(robot, motion, tables, context.options.objectives)))
+    cheapest = np.argsort(costs, kind="stable")[:_MAX_CONTENDERS]
+    near = (1.0 + _USUAL_ERROR) * min(costs)
+    return [found[i] for i in cheapest if costs[i] <= near]
 
 
 # Largest positions, velocities and accelerations where there is no limit [SI].
@@ -172,7 +144,7 @@ _THERE = 1e-4
 
 def resolve(
     context: Context,
-    selector: Selector,
+    primitives: PrimitiveLibrary,
     goal: Goal,
     start: JointState,
     mode: str,
@@ -189,8 +161,8 @@ def resolve(
     ----------
     context : Context
         Robot, limits and options.
-    selector : Selector
-        Chooses among the primitives.
+    primitives : PrimitiveLibrary
+        The primitives of the planner.
     goal : Goal
         The goal.
     start : JointState
@@ -218,22 +190,22 @@ def resolve(
     if not isinstance(goal, SequenceGoal) and goal.duration is not None:
         context.check_duration("the duration is", goal.duration)
     if goal.primitive is not None:
-        selector = selector.named(goal.primitive)
+        primitives = PrimitiveLibrary.of(primitives.named(goal.primitive))
     if isinstance(goal, SequenceGoal):
         n_passed = _n_passed(context, goal, here)
         if n_passed == len(goal.targets) - 1 and _is_there(
             context, goal.targets[-1], here, f"target {n_passed + 1}"
         ):
             return ()
-        return (_sequence(context, selector, goal, here, mode, n_passed),)
+        return (_sequence(context, primitives, goal, here, mode, n_passed),)
     if isinstance(goal, JointGoal):
         there = target(context, goal, here)
         if _is_there(context, there, here):
             return ()
-        return _requests(context, selector, goal, here, there)
+        return _requests(context, primitives, goal, here, there)
     if _is_there(context, goal.pose, here):
         return ()
-    return _cheapest_first(context, selector, goal, here, budget)
+    return _cheapest_first(context, primitives, goal, here, budget)
 
 
 def _is_there(
@@ -260,7 +232,7 @@ def _offsets(
 
 
 def _cheapest_first(
-    context: Context, selector: Selector, goal: PoseGoal, here: JointState, budget: Budget
+    context: Context, primitives: PrimitiveLibrary, goal: PoseGoal, here: JointState, budget: Budget
 ) -> Iterator[Request]:
     """Requests for the configurations that reach a pose, the least expected cost first.
 
@@ -268,18 +240,20 @@ def _cheapest_first(
     another may cost less, but none like it was shown. The others follow, the most natural first.
     When time runs out, the search for configurations ends with the first that is found.
     """
-    robot, known = context.robot, selector.primitives.ends[:, 1]
+    robot, known = context.robot, primitives.ends[:, 1]
     starts = [*starts_near(robot, goal.pose, known, _N_COMPARED), here.positions]
     found = configurations_at(robot, context.limits, goal.pose, starts, budget.is_late)
     goals, scores = [JointState(here.joint_names, unwrapped(q, here, robot)) for q in found], [0.0]
     if len(goals) > 1:
         ends = [(here.positions, there.positions) for there in goals]
-        scores = [selector.least_score(*pair, goal.duration) for pair in ends]
+        scores = [
+            float(in_span_scores(robot, primitives, *pair, goal.duration).min()) for pair in ends
+        ]
         goals = [goals[i] for i in np.argsort(scores, kind="stable")]
     n_natural = int(np.sum(np.array(scores) <= max(min(scores), UNUSUAL_IN_SPAN_SCORE)))
     natural: list[tuple[float, Request]] = []
     for there in goals[:n_natural]:
-        (request,) = _requests(context, selector, goal, here, there)
+        (request,) = _requests(context, primitives, goal, here, there)
         natural.append((expected_cost(context, request) if n_natural > 1 else 0.0, request))
         if budget.is_late():
             break
@@ -288,19 +262,19 @@ def _cheapest_first(
         yield request
     # The others are usually not needed, so their requests are made when they are.
     for there in goals[len(natural) : _N_CONFIGURATIONS]:
-        yield from _requests(context, selector, goal, here, there)
+        yield from _requests(context, primitives, goal, here, there)
 
 
 def _requests(
     context: Context,
-    selector: Selector,
+    primitives: PrimitiveLibrary,
     goal: JointGoal | PoseGoal,
     here: JointState,
     there: JointState,
 ) -> tuple[Request, ...]:
     """Requests for one configuration, which differ in their primitives."""
     pose = goal.pose if isinstance(goal, PoseGoal) else None
-    contenders = selector.choose(here.positions, there.positions, goal.duration)
+    contenders = choose(context, primitives, here.positions, there.positions, goal.duration)
     # Several primitives are tried for one configuration, but not in the search for the shortest
     # duration, nor for each of several configurations.
     one_each = pose is not None or (goal.duration is None and context.options.timing == SHORTEST)
@@ -356,7 +330,7 @@ def _check_path(context: Context, what: str, state: JointState) -> None:
 
 def _sequence(
     context: Context,
-    selector: Selector,
+    primitives: PrimitiveLibrary,
     goal: SequenceGoal,
     here: JointState,
     mode: str,
@@ -367,8 +341,8 @@ def _sequence(
     context.check_duration("the sequence asks for a time of", last)
     targets, times = goal.targets[n_passed:], goal.times[n_passed:]
     stops = (*goal.stops[n_passed:-1], True)
-    states = _route(context, selector, targets, here, n_passed + 1)
-    firsts = [selector.choose(a.positions, b.positions)[0] for a, b in pairwise(states)]
+    states = _route(context, primitives, targets, here, n_passed + 1)
+    firsts = [choose(context, primitives, a.positions, b.positions)[0] for a, b in pairwise(states)]
     usual = [expected.duration for _, expected in firsts]
     # Predicted durations between two fixed times are scaled to the interval.
     scaled, groups = np.array(usual), list[tuple[tuple[int, ...], bool]]()
@@ -410,7 +384,7 @@ def _n_passed(context: Context, goal: SequenceGoal, here: JointState) -> int:
 
 def _route(
     context: Context,
-    selector: Selector,
+    primitives: PrimitiveLibrary,
     targets: Sequence[JointState | Pose],
     here: JointState,
     first_number: int,
@@ -420,7 +394,7 @@ def _route(
     For poses, the configurations with the least sum of squared in-span scores are chosen, by
     dynamic programming.
     """
-    robot, known = context.robot, selector.primitives.ends.reshape(-1, here.positions.size)
+    robot, known = context.robot, primitives.ends.reshape(-1, here.positions.size)
     routes: list[tuple[float, tuple[JointState, ...]]] = [(0.0, (here,))]
     for number, aim in enumerate(targets, first_number):
         what, befores = f"target {number}", [states[-1] for _, states in routes]
@@ -443,7 +417,7 @@ def _route(
                 if isinstance(aim, JointState):
                     _check_within_limits(robot, context.limits, what, there, q)
                     _check_path(context, what, there)
-                score = selector.least_score(states[-1].positions, q)
+                score = float(in_span_scores(robot, primitives, states[-1].positions, q).min())
                 longer[-1].append((cost + score**2, (*states, there)))
         if isinstance(aim, JointState) and len(aim.joint_names) < robot.n_joints:
             (routes,) = longer

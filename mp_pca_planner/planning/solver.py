@@ -343,8 +343,14 @@ class _Model:
 
     @cached_property
     def _convex(self) -> tuple[FloatArray, FloatArray | None]:
-        """The Hessian made positive definite, and its factor."""
-        return convex_factor(self.hessian)
+        """The Hessian, if needed with the absolute values of its eigenvalues, and its factor."""
+        factor = cholesky(self.hessian)
+        if factor is not None:
+            return self.hessian, factor
+        eigenvalues, vectors = np.linalg.eigh(self.hessian)
+        sizes = np.abs(eigenvalues)
+        convex = np.asarray((vectors * np.maximum(sizes, 1e-10 * sizes.max())) @ vectors.T)
+        return convex, cholesky(convex)
 
     def step_within(
         self, rows: FloatArray, bounds: FloatArray, damping: float
@@ -591,17 +597,6 @@ def nearest_step(
     regular = hessian + penalty * matrix.T @ matrix
     step = np.asarray(np.linalg.solve(regular, penalty * matrix.T @ bounds[broken] - gradient))
     return step, np.where(broken, penalty * np.maximum(rows @ step - bounds, 0.0), 0.0)
-
-
-def convex_factor(hessian: FloatArray) -> tuple[FloatArray, FloatArray | None]:
-    """The matrix, if needed with the absolute values of its eigenvalues, and its lower factor."""
-    factor = cholesky(hessian)
-    if factor is not None:
-        return hessian, factor
-    eigenvalues, vectors = np.linalg.eigh(hessian)
-    sizes = np.abs(eigenvalues)
-    convex = np.asarray((vectors * np.maximum(sizes, 1e-10 * sizes.max())) @ vectors.T)
-    return convex, cholesky(convex)
 
 
 def trust_region_step(

@@ -34,7 +34,7 @@ from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from ..motion import N_LIMIT_POINTS, N_RATES, Tables, limit_phases
 from ..path_constraints import PathConstraint
-from .segment import Course, StateMap, Unknowns, all_states, state_map
+from .segment import Course, StateMap, Unknowns, all_states, positions_at
 
 # Distance from the bound of a path constraint for the motion between the phases, at most half of
 # that of fixed ends.
@@ -386,7 +386,7 @@ class AlongPath:
         self._for = robot, constraint, unknowns, basis, ends
         self._robot, self._constraint, self._phases = robot, constraint, phases
         free = phases[int(ends[0] is not None) : phases.size - int(ends[1] is not None)]
-        self._states = state_map(unknowns, basis, free, 0)
+        self._states = positions_at(unknowns, basis, free)
         known = np.array([end.positions for end in ends if end]).reshape(-1, robot.n_joints)
         at_ends, _ = constraint.values(robot, known)
         least = np.clip(0.5 * at_ends.min(axis=0, initial=2.0 * _MARGIN), 0.0, _MARGIN)
@@ -442,24 +442,15 @@ class PoseTarget:
         self._robot, self._pose = robot, pose
         self._goal = all_states(unknowns, tables.hermite[:1, -1:], tables.values[:1, -1:])
 
-    def errors(self, x: FloatArray) -> FloatArray:
-        """Distance [m] and, with an orientation, rotation vector [rad]."""
-        return self.equations(x)[0]
-
     def equations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same with the derivatives by the unknowns, shape (n_errors, n_unknowns)."""
+        """Errors of the pose, and their derivatives by the unknowns, (n_errors, n_unknowns).
+
+        Distance [m] and, with an orientation, rotation vector [rad].
+        """
         (q, by_x), pose = self._goal.at(x), self._pose
         place = pose.position, pose.orientation
         error, by_position = self._robot.pose_error(pose.frame, q[:, 0], *place)
         return error, np.asarray(by_position @ by_x.rows())
-
-
-def with_phases_of(
-    collisions: Sequence[Collision], phases: FloatArray, duration: float, n_more: int
-) -> FloatArray:
-    """Phases of clearance constraints, and some during each collision of a motion, increasing."""
-    more = [np.linspace(one.first_time, one.last_time, n_more) / duration for one in collisions]
-    return np.unique(np.concatenate([phases, *more]))
 
 
 def least_distances(ends: FloatArray, model: CollisionModel) -> FloatArray:
@@ -516,7 +507,7 @@ class Clearance:
         self._before: NearPairs | None = None
         self.lower = self.upper = np.zeros(0)
         if phases is not None:
-            self._states = state_map(unknowns, basis, phases, 0)
+            self._states = positions_at(unknowns, basis, phases)
             self.lower = np.repeat(least, phases.size)
             self.upper = np.full(self.lower.size, np.inf)
 
@@ -535,8 +526,11 @@ class Clearance:
             return self
         if self._phases is None:
             return self.everywhere()
-        phases = with_phases_of(found.collisions, self._phases, found.duration, N_MORE_PHASES)
-        return Clearance(*self._for, phases, self._least)
+        phases = [self._phases]
+        for one in found.collisions:
+            times = np.linspace(one.first_time, one.last_time, N_MORE_PHASES)
+            phases.append(times / found.duration)
+        return Clearance(*self._for, np.unique(np.concatenate(phases)), self._least)
 
     def at(self, course: Course) -> Linear:
         """The distances of a motion [m]; lower bounds beyond the reach of predictions."""

@@ -258,7 +258,7 @@ class MotionProgram:
             return np.full(1, np.inf)
         for segment, (own, _) in zip(self.segments, parts, strict=True):
             if segment.target is not None:
-                errors.append(segment.target.errors(own))
+                errors.append(segment.target.equations(own)[0])
         return np.concatenate(errors)
 
     def refined(self, found: Sequence[Findings], violates: bool) -> MotionProgram:

@@ -125,13 +125,6 @@ class Unknowns:
         boundary *= (self.duration_at(x) / self.duration) ** _POWERS[:, None]
         return boundary
 
-    def growth(self, x: FloatArray) -> FloatArray:
-        """Factors by which the duration scales the contributions of weights and boundary values."""
-        growth = np.ones(self.n_linear)
-        if self.powers.any():
-            growth[self.ends] = (self.duration_at(x) / self.duration) ** self.powers
-        return growth
-
     def accepts(self, duration: float) -> bool:
         """Whether a duration is in the range of a free duration, or equals the fixed one."""
         if not self.duration_is_free:
@@ -258,21 +251,23 @@ class StateMap:
             values = self._fixed + (self._constant.columns @ x).reshape(mean.shape)
             return np.asarray(values), self._constant
         boundary, weights = unknowns.boundary_at(x), x[: unknowns.n_weights]
-        rates, slope = self._rates(unknowns.duration_at(x)), unknowns.log_duration_slope(x)
+        duration, slope = unknowns.duration_at(x), unknowns.log_duration_slope(x)
+        rates = self._rates(duration)
         shape = mean + (self._columns[:, : weights.size] @ weights).reshape(mean.shape)
         values = np.asarray((self._boundary_part(boundary) + shape) * rates)
         grown = self._boundary_part(_POWERS[:, None] * boundary)
         by_duration = slope * (grown * rates - self._orders * values).ravel()
         decay = np.asarray(slope * np.repeat(self._orders, mean.shape[1]))
         of_states = np.repeat(rates[:, 0], mean.shape[1])
-        timing = unknowns.growth(x), of_states, by_duration, decay
+        growth = np.ones(unknowns.n_linear)
+        growth[unknowns.ends] = (duration / unknowns.duration) ** unknowns.powers
+        timing = growth, of_states, by_duration, decay
         return values, Slopes(self._columns, unknowns.scales.size, timing)
 
 
-def state_map(unknowns: Unknowns, basis: Basis, phases: FloatArray, highest: int) -> StateMap:
-    """States of all joints at some phases, order by order of their derivatives."""
-    hermite = hermite_tables(phases.tobytes())[: highest + 1]
-    return all_states(unknowns, hermite, basis.tables(phases, highest))
+def positions_at(unknowns: Unknowns, basis: Basis, phases: FloatArray) -> StateMap:
+    """Positions of all joints at some phases, joint by joint."""
+    return all_states(unknowns, hermite_tables(phases.tobytes())[:1], basis.tables(phases, 0))
 
 
 def all_states(unknowns: Unknowns, hermite: FloatArray, tables: FloatArray) -> StateMap:

@@ -101,5 +101,6 @@ def test_equations_of_a_pose_have_the_derivatives_of_central_differences():
     target = PoseTarget(robot, program.tables, program.unknowns, pose)
     errors, rows = target.equations(x)
     assert errors.shape == (6,)
-    np.testing.assert_array_equal(errors, target.errors(x))
-    np.testing.assert_allclose(rows, central_differences(target.errors, x), atol=1e-7)
+    np.testing.assert_allclose(
+        rows, central_differences(lambda at: target.equations(at)[0], x), atol=1e-7
+    )

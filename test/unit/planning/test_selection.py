@@ -7,13 +7,21 @@ from support.arm import arm_demonstrations, arm_robot
 from support.patience import PATIENT
 
 from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.planning.context import Context
+from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.resolve import Selector
+from mp_pca_planner.planning.resolve import choose
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.primitive import MovementPrimitive
+from mp_pca_planner.primitives.library import PrimitiveLibrary
+from mp_pca_planner.robot.model import Robot
 
 
-def library() -> list[MovementPrimitive]:
+def context_of(robot: Robot, max_in_span_score: float = 0.0) -> Context:
+    options = PlannerOptions(max_in_span_score=max_in_span_score)
+    return Context(robot, robot.limits(), options, None, 600.0)
+
+
+def library() -> PrimitiveLibrary:
     """Upward and downward motions apart, and a mixture."""
     motions = arm_demonstrations(24)
     rises = [m.positions[-1, 1] > m.positions[0, 1] for m in motions]
@@ -23,7 +31,7 @@ def library() -> list[MovementPrimitive]:
         "mixed": list(motions),
     }
     options = PrimitiveOptions(n_components=3)
-    return [build_primitive(part, name, options) for name, part in parts.items()]
+    return PrimitiveLibrary([build_primitive(part, name, options) for name, part in parts.items()])
 
 
 def test_the_plan_is_the_cheapest_of_those_with_each_contender() -> None:
@@ -32,7 +40,7 @@ def test_the_plan_is_the_cheapest_of_those_with_each_contender() -> None:
     n_contested = 0
     for motion in arm_demonstrations(6, 9):
         start, goal = (JointState(robot.joint_names, q) for q in motion.positions[[0, -1]])
-        contenders = Selector(robot, primitives).choose(start.positions, goal.positions)
+        contenders = choose(context_of(robot), primitives, start.positions, goal.positions)
         plan = planner.plan(JointGoal(goal), start)
         names = [primitive.name for primitive, _ in contenders]
         named = [planner.plan(JointGoal(goal, primitive=name), start) for name in names]
@@ -48,7 +56,7 @@ def test_primitives_that_are_too_far_are_chosen_only_if_all_are() -> None:
     for motion in arm_demonstrations(6, 9):
         ends = motion.positions[0], motion.positions[-1]
         least = min(one.model.predict(*ends).in_span_score for one in primitives)
-        ((_, only),) = Selector(robot, primitives, max_score=least + 1e-9).choose(*ends)
-        (_, first), *_ = Selector(robot, primitives, max_score=0.5 * least).choose(*ends)
+        ((_, only),) = choose(context_of(robot, least + 1e-9), primitives, *ends)
+        (_, first), *_ = choose(context_of(robot, 0.5 * least), primitives, *ends)
         for found in (only, first):
             assert found.in_span_score == pytest.approx(least)

@@ -99,7 +99,7 @@ def chained(posed: bool, *, with_limits: bool) -> MotionProgram:
     goal, start = with_poses() if posed else request(3)
     tight = planner(max_velocity=1.0, max_acceleration=4.0, max_jerk=20.0)
     context = tight._context
-    (resolved,) = resolve(context, tight._selector, goal, start, OPTIMAL, Budget(np.inf))
+    (resolved,) = resolve(context, tight.primitives, goal, start, OPTIMAL, Budget(np.inf))
     bases = tuple(segment_basis(tight.options, resolved, one) for one in resolved.segments)
     joined = joined_motion(resolved, bases, [one.duration for one in resolved.segments])
     setting = Setting(bases, joined, resolved.naturalness, context.options.objectives)
