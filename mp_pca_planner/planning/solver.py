@@ -500,8 +500,6 @@ def violated_sides(
     lower bound of inequality i, 2i + 1 the upper one.
     """
     broken = np.flatnonzero(outside > ROUNDING)
-    if not broken.size:
-        return broken
     by, last = outside[broken], outside.size - 1
     rises = (by > outside[broken - 1]) | (broken == 0)
     peaks = broken[rises & (by >= outside[np.minimum(broken + 1, last)])]

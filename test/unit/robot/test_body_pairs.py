@@ -141,13 +141,13 @@ def test_near_pairs_are_the_same_after_those_of_configurations_nearby(step):
     assert n_near > 50 and n_far > 50
 
 
-def test_least_distance_and_other_orders_and_replaced_worlds_agree():
+def test_nearest_distances_and_other_orders_and_replaced_worlds_agree():
     replaced = CollisionModel(arm_robot())
     for found, q, rng in random_models(5, 4, margin=0.01):
         near, pairs = found.near(q, np.inf), np.flatnonzero(found.margins > 0.0)
-        distance, pair = found.body_pairs.least(q, pairs, 10.0)
-        assert found.body_pairs.least(q, pairs, distance - 1e-6) is None
-        assert distance == near.bounds[:, pairs].min() == near.bounds[:, pair].min()
+        moments, every = np.repeat(np.arange(len(q)), pairs.size), np.tile(pairs, len(q))
+        distances = found.body_pairs.nearest(found.body_pairs.poses(q), moments, every)
+        np.testing.assert_array_equal(distances, near.bounds[:, pairs].ravel())
         replaced.set_world(found.world, 0.01)
         order = rng.permutation(4)
         names = [arm_robot().joint_names[k] for k in order]
