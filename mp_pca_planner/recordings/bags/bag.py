@@ -284,7 +284,9 @@ def _storage_files(path: Path) -> tuple[list[Path], tuple[str, ...]]:
     files, why = bag_files(path), "is missing"
     if (path / METADATA).exists():
         content = load_yaml(read_bytes(path / METADATA))["rosbag2_bagfile_information"]
-        named = [path / PurePath(name).name for name in content["relative_file_paths"]]
+        # Each once, however often it is named.
+        names = dict.fromkeys(PurePath(name).name for name in content["relative_file_paths"])
+        named = [path / name for name in names]
         missing = [file.name for file in named if not file.is_file()]
         if not missing:
             return named, ()

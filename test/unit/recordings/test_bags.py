@@ -93,7 +93,7 @@ def test_split_bags_are_one_recording_with_or_without_metadata(
     if told:
         metadata = yaml.safe_load((parts[0] / "metadata.yaml").read_text())
         about = metadata["rosbag2_bagfile_information"]
-        about["relative_file_paths"] = names
+        about["relative_file_paths"] = [*names, *names]  # each is read once
         about["topics_with_message_count"][0]["message_count"] = 550
         (folder / "metadata.yaml").write_text(yaml.safe_dump(metadata))
     for part in parts:
