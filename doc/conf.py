@@ -30,7 +30,8 @@ myst_heading_anchors = 3
 autodoc_typehints = "none"  # docstrings hold them, with shapes and units
 autodoc_member_order = "bysource"
 napoleon_use_rtype = False
-napoleon_use_ivar = True  # attributes as one list above the methods
+# Attributes are one list above the methods, and several may share a line.
+napoleon_custom_sections = [("Attributes", "params_style")]
 # Docstrings name classes and parameters in plain code style.
 default_role = "code"
 suppress_warnings = ["ref.python"]
