@@ -182,7 +182,7 @@ def _most_used(motion: Trajectory, joint: int, limits: JointLimits, i: int, unit
 
 def _distance(obstacle: Obstacle, path: FloatArray) -> float:
     """About how far a path, shape (n_steps, 3), is from an obstacle [m]: from a box around it."""
-    corners = _corners(obstacle)
+    corners = np.concatenate([_corners(shape) for shape in obstacle.shapes])
     outside = np.maximum(corners.min(axis=0) - path, path - corners.max(axis=0)).clip(0.0)
     return float(np.linalg.norm(outside, axis=1).min())
 
@@ -249,14 +249,11 @@ def _chain(robot: Robot) -> list[str]:
     return [*chain, hand.name]
 
 
-def _corners(obstacle: Obstacle) -> FloatArray:
-    """Points whose hull holds an obstacle, shape (n_points, 3) [m]."""
-    found = []
-    for shape in obstacle.shapes:
-        placed = pin.XYZQUATToSE3(shape.pose)
-        points = np.asarray(surface(shape).vertices)
-        found.append(points @ placed.rotation.T + placed.translation)
-    return np.concatenate(found)
+def _corners(shape: Shape) -> FloatArray:
+    """Corners of the surface of a shape in its place, shape (n_points, 3) [m]."""
+    placed = pin.XYZQUATToSE3(shape.pose)
+    points = np.asarray(surface(shape).vertices)
+    return np.asarray(points @ placed.rotation.T + placed.translation)
 
 
 def outlines(obstacle: Obstacle, plane: Sequence[int]) -> list[FloatArray]:
@@ -278,9 +275,7 @@ def outlines(obstacle: Obstacle, plane: Sequence[int]) -> list[FloatArray]:
 
     found = []
     for shape in obstacle.shapes:
-        placed = pin.XYZQUATToSE3(shape.pose)
-        points = np.asarray(surface(shape).vertices) @ placed.rotation.T + placed.translation
-        flat = points[:, plane]
+        flat = _corners(shape)[:, plane]
         # Joggled, because a flat mesh has no area from its side.
         found.append(flat[ConvexHull(flat, qhull_options="QJ").vertices])
     return found
