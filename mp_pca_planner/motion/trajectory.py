@@ -9,7 +9,7 @@ from copy import copy
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -75,6 +75,12 @@ class Trajectory:
             columns["efforts"] = efforts
         for field, values in columns.items():
             set_frozen(self, **{field: frozen_array(values, shape, field, TrajectoryError)})
+
+    @classmethod
+    def at_rest(cls, joint_names: Sequence[str], positions: FloatArray) -> Self:
+        """A single point at which the robot rests at positions of shape (n_joints,) [rad or m]."""
+        zero = np.zeros((1, len(positions)))
+        return cls(joint_names, [0.0], [positions], zero, zero)
 
     def __repr__(self) -> str:
         return f"Trajectory: {self.n_joints} joints, {self.n_steps} points, {self.duration:.3g} s"

@@ -101,8 +101,7 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
 def already_there(context: Context, start: JointState, began: float) -> Plan:
     """The plan for a goal at which the robot rests: no motion; see :func:`report`."""
     here = in_order(start, context.robot.joint_names)
-    zero = np.zeros((1, len(here.joint_names)))
-    still = Trajectory(here.joint_names, [0.0], [here.positions], zero, zero)
+    still = Trajectory.at_rest(here.joint_names, here.positions)
     message = "already there: the robot rests at the goal, so no motion is needed"
     took, zero_errors = time.perf_counter() - began, {"start_error": 0.0, "via_error": 0.0}
     return Plan(ALREADY_THERE, message, still, solve_time=took, facts=zero_errors)

@@ -141,8 +141,7 @@ def sampled(context: Context, motions: Sequence[Motion]) -> tuple[Trajectory, Li
 
 def met_at(model: CollisionModel, state: JointState) -> tuple[Collision, ...]:
     """The collisions of a robot that rests in the configuration of a state, the deepest first."""
-    zero = np.zeros((1, len(state.joint_names)))
-    still = Trajectory(state.joint_names, [0.0], [state.positions], zero, zero)
+    still = Trajectory.at_rest(state.joint_names, state.positions)
     return model.collisions(still, precisely=False)
 
 

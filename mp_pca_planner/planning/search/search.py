@@ -161,15 +161,16 @@ def descent(case: Case, budget: Budget) -> Candidate | None:
     context, request, setting = case.context, case.request, case.first
     if request.mode == REAL_TIME:
         return None
-    leads, found = case.may_detour and not missing_planner(), list[Candidate]()
+    found = list[Candidate]()
     has_one_basis = request.mode or context.options.basis == "bspline"
     for width in range(1 if has_one_basis else N_WIDTHS):
         if width:
             basis = segment_basis(context.options, request, request.segments[0], width)
             setting = first_setting(context, request, basis)
         found.append(attempt(context, request, setting, budget))
-        last = found[-1]
-        if last.is_valid or (leads and last.meets_bodies) or budget.is_late():
+        if found[-1].is_valid or budget.is_late():
+            break
+        if found[-1].meets_bodies and case.may_detour and not missing_planner():
             break
     return least_violation(found)
 
