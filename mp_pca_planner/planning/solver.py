@@ -15,8 +15,8 @@ A program is: minimise f(x) subject to l ≤ c(x) ≤ u and e(x) = 0. Its unknow
 configuration, a log duration, …) are to be scaled so that usual steps are of order 1, its
 inequalities to shares of their bounds, its equalities to SI units. Inequalities of one limit along
 a motion are neighbours: of several adjacent violations, only the largest is needed as a constraint.
-The solver reads nothing of a :class:`.MotionProgram` but `lower`, `upper`, `evaluate` and
-`equalities_at`, and all but `linear` of a :class:`.MotionPoint`.
+The solver calls `evaluate` and `equalities_at` of a :class:`.MotionProgram`, and reads all but
+`linear` of a :class:`.MotionPoint`.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def solve(
         The solution; without constraints its cost never exceeds that of the start.
     """
     x, here, iterations, weight = start, program.evaluate(start), 1, 0.0
-    violated, pull = infeasibility(program, here), here.gradient
+    violated, pull = infeasibility(here), here.gradient
     feasible = (x, here) if violated <= options.feasible else None
     if memory is None:
         radius = _FIRST_RADIUS_TO_EQUALITIES if here.equalities.size else options.first_radius
@@ -146,9 +146,7 @@ def solve(
         is_feasible, enough = violated <= options.feasible, options.tolerance * here.cost
         hessian = here.hessian + curvature
         try:
-            step = next_step(
-                program, here, hessian, radius, sides, enough if is_feasible else -math.inf
-            )
+            step = next_step(here, hessian, radius, sides, enough if is_feasible else -math.inf)
         except np.linalg.LinAlgError:  # numbers overflow: there is no better point from here
             break
         pull, converged = step.pull, step.is_negligible
@@ -170,12 +168,12 @@ def solve(
             break
         if back is not None:  # from here, the linearised constraints contradict each other
             away, (x, here), before_step = x - back[0], back, None
-            violated, radius = infeasibility(program, here), 0.25 * math.sqrt(float(away @ away))
+            violated, radius = infeasibility(here), 0.25 * math.sqrt(float(away @ away))
             continue
         if here.equalities.size:
             step = _restored(program, x, here, step)
         there = program.evaluate(x + step.change)
-        iterations, after = iterations + 1, infeasibility(program, there)
+        iterations, after = iterations + 1, infeasibility(there)
         decrease = here.cost - there.cost + weight * (violated - after)
         length = math.sqrt(float(step.change @ step.change))
         if not decrease >= 0.25 * predicted:  # a NaN must shrink the radius, too
@@ -192,7 +190,7 @@ def solve(
     if violated > options.feasible and feasible is not None:
         # An early end between two points within the constraints.
         x, here = feasible
-        violated = infeasibility(program, here)
+        violated = infeasibility(here)
     residual = float(np.linalg.norm(pull)) / max(here.cost, TINY)
     memory = curvature, radius, sides
     return Solution(x, here.cost, violated, converged, iterations, residual, memory)
@@ -234,7 +232,6 @@ class Step:
 
 
 def next_step(
-    program: MotionProgram,
     here: MotionPoint,
     hessian: FloatArray,
     radius: float,
@@ -248,8 +245,6 @@ def next_step(
 
     Parameters
     ----------
-    program : MotionProgram
-        The program.
     here : MotionPoint
         The point.
     hessian : array, shape (n, n)
@@ -264,7 +259,7 @@ def next_step(
     """
     model = _Model(here, hessian, radius)
     sides = sides if model.gradient.size else sides[:0]
-    rows, bounds = _at_sides(program, here, sides)
+    rows, bounds = _at_sides(here, sides)
     change, multipliers, damping, is_within = model.step_within(rows, bounds, 0.0)
     decrease = -float((here.gradient + 0.5 * (hessian @ change)) @ change)
     if is_within and decrease <= enough:
@@ -273,15 +268,15 @@ def next_step(
         return Step(change, decrease, 0.0, sides, multipliers, none, pull, damping, True)
     for left in reversed(range(_MAX_ROUNDS)):
         after = here.inequalities_after(change)
-        outside = outside_bounds(program, after)
+        outside = outside_bounds(here, after)
         if not (outside.max(initial=0.0) > ROUNDING and is_within and left):
             break
-        broken = violated_sides(program, after, outside)
+        broken = violated_sides(here, after, outside)
         added = broken[~(broken[:, None] == sides).any(axis=1)]
         if not added.size:
             break
         kept = multipliers > 0.0
-        new_rows, new_bounds = _at_sides(program, here, added)
+        new_rows, new_bounds = _at_sides(here, added)
         sides = np.concatenate([sides[kept], added])
         rows = np.concatenate([rows[kept], new_rows])
         bounds = np.concatenate([bounds[kept], new_bounds])
@@ -394,9 +389,7 @@ class _Model:
         return self._whole(share * y), multipliers, damping, found is not None
 
 
-def _at_sides(
-    program: MotionProgram, at: MotionPoint, sides: NDArray[np.intp]
-) -> tuple[FloatArray, FloatArray]:
+def _at_sides(at: MotionPoint, sides: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
     """Derivatives of sides of inequalities, with signs such that all are bounded above.
 
     With them their distances from the bounds, negative beyond them.
@@ -404,7 +397,7 @@ def _at_sides(
     if not sides.size:
         return np.zeros((0, at.gradient.size)), np.zeros(0)
     index, signs = sides // 2, np.where(sides % 2, 1.0, -1.0)
-    bounds = np.where(sides % 2, program.upper[index], program.lower[index])
+    bounds = np.where(sides % 2, at.upper[index], at.lower[index])
     rows = signs[:, None] * at.inequality_rows(index, bounds)
     return rows, signs * (bounds - at.inequalities[index])
 
@@ -470,16 +463,16 @@ def _learned(
     return np.asarray(curvature + cross + cross.T)
 
 
-def infeasibility(program: MotionProgram, at: MotionPoint) -> float:
+def infeasibility(at: MotionPoint) -> float:
     """Sum of the violations of all constraints."""
-    outside = outside_bounds(program, at.inequalities)
+    outside = outside_bounds(at, at.inequalities)
     return sum_of_peaks(outside) + float(np.abs(at.equalities).sum())
 
 
-def outside_bounds(program: MotionProgram, values: FloatArray) -> FloatArray:
+def outside_bounds(at: MotionPoint, values: FloatArray) -> FloatArray:
     """Distances of inequalities beyond their nearer bounds, negative within them."""
-    outside: FloatArray = values - program.upper
-    return np.maximum(outside, program.lower - values, out=outside)
+    outside: FloatArray = values - at.upper
+    return np.maximum(outside, at.lower - values, out=outside)
 
 
 def sum_of_peaks(outside: FloatArray) -> float:
@@ -491,9 +484,7 @@ def sum_of_peaks(outside: FloatArray) -> float:
     return float(np.maximum.reduceat(outside[where], starts).sum())
 
 
-def violated_sides(
-    program: MotionProgram, values: FloatArray, outside: FloatArray
-) -> NDArray[np.intp]:
+def violated_sides(at: MotionPoint, values: FloatArray, outside: FloatArray) -> NDArray[np.intp]:
     """Sides of inequalities at peaks of violation, and of their neighbours.
 
     The neighbours are included because a constrained peak often moves by one point. Side 2i is the
@@ -505,7 +496,7 @@ def violated_sides(
     peaks = broken[rises & (by >= outside[np.minimum(broken + 1, last)])]
     near = np.concatenate([peaks, peaks - 1, peaks + 1])
     near = near[(near >= 0) & (near <= last)]
-    return np.asarray(2 * near + (values[near] - program.upper[near] == outside[near]))
+    return np.asarray(2 * near + (values[near] - at.upper[near] == outside[near]))
 
 
 TINY = float(np.finfo(float).tiny)

@@ -248,7 +248,15 @@ class MotionProgram:
         cost = float("nan") if parts is None else cost
         equalities, equality_rows = np.concatenate(errors), np.concatenate(slopes)
         return MotionPoint(
-            cost, gradient, hessian, inequalities, equalities, equality_rows, tuple(linear)
+            cost,
+            gradient,
+            hessian,
+            inequalities,
+            self.lower,
+            self.upper,
+            equalities,
+            equality_rows,
+            tuple(linear),
         )
 
     def equalities_at(self, x: FloatArray) -> FloatArray:
@@ -311,6 +319,8 @@ class MotionPoint:
         gradients.
     inequalities : array, shape (n_inequalities,)
         Values of the constraints; there may be thousands.
+    lower, upper : array, shape (n_inequalities,)
+        Their bounds.
     equalities : array, shape (n_equalities,)
         Errors of the targets, fewer than unknowns.
     equality_rows : array, shape (n_equalities, n)
@@ -324,6 +334,8 @@ class MotionPoint:
     gradient: FloatArray
     hessian: FloatArray
     inequalities: FloatArray
+    lower: FloatArray
+    upper: FloatArray
     equalities: FloatArray
     equality_rows: FloatArray
     linear: tuple[tuple[slice, FloatArray | None, slice, Linear], ...]

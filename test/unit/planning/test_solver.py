@@ -29,6 +29,8 @@ class MadeUpPoint:
     residual: np.ndarray
     jacobian: np.ndarray
     inequalities: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
     rows: np.ndarray
     equalities: np.ndarray
     equality_rows: np.ndarray
@@ -59,9 +61,7 @@ class Rosenbrock:
     """
 
     def __init__(self, wall=np.inf, circle=None):
-        self.lower, self.upper = np.array([-np.inf]), np.array([wall])
-        self.groups = np.zeros(1, dtype=np.intp)
-        self.circle = circle
+        self.wall, self.circle = wall, circle
 
     def equalities_at(self, x):
         return self.evaluate(x).equalities
@@ -72,6 +72,8 @@ class Rosenbrock:
             residual=np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0], 1.0]),
             jacobian=np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0], [0.0, 0.0]]),
             inequalities=x[:1],
+            lower=np.array([-np.inf]),
+            upper=np.array([self.wall]),
             rows=np.array([[1.0, 0.0]]),
             equalities=np.array([x @ x - self.circle**2] if on_circle else []),
             equality_rows=np.array([2.0 * x]) if on_circle else np.zeros((0, 2)),
