@@ -321,8 +321,6 @@ class CollisionModel:
             Largest distance of interest [m]; without any up to this, the result is None.
         """
         bodies, obstacles = self.body_pairs, frozenset(self.world.names)
-        if not obstacles:
-            return None
         are_near = np.full(len(self.pairs), -np.inf)
         are_near[[one[1] in obstacles for one in self.pairs]] = reach
         n, at = _samples(trajectory)

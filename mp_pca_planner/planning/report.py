@@ -54,8 +54,9 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
     solve_time, request, trajectory = time.perf_counter() - began, best.request, best.trajectory
     correction = _correction(best)
     score, outside, error = _of_predictions(context, best)
-    model = context.collision
-    nearest = None if model is None else model.clearance(trajectory, _CLEARANCE_REACH)
+    model, nearest = context.collision, None
+    if model is not None and len(model.world):
+        nearest = model.clearance(trajectory, _CLEARANCE_REACH)
     status, message = _verdict(context, best, budget, score)
     if status != INFEASIBLE:
         is_shaped = context.options.basis == "pca" and correction > 0.0

@@ -45,6 +45,8 @@ class Junction:
         Orders of the derivatives that are unknowns; 0 is the position.
     time_is_free : bool
         Whether the time is an unknown.
+    fixed_state : JointState or None
+        The fixed part of the state, derivatives 0 where free; None if the position is free.
     """
 
     state: JointState
@@ -52,14 +54,7 @@ class Junction:
     unit: float
     orders: tuple[int, ...]
     time_is_free: bool
-
-    @property
-    def fixed_state(self) -> JointState | None:
-        """The fixed part of the state, derivatives 0 where free; None if the position is free."""
-        if 0 in self.orders:
-            return None
-        at_rest = JointState(self.state.joint_names, self.state.positions)
-        return at_rest if self.orders else self.state
+    fixed_state: JointState | None
 
     @property
     def size(self) -> int:
@@ -85,13 +80,16 @@ def junctions_of(request: Request, initial: Sequence[Motion]) -> tuple[Junction,
     """The junctions of a request, with initial values of a motion."""
     ends = np.cumsum([0.0, *map(attrgetter("duration"), initial)])
     start = initial[0].start
-    found = [Junction(start, 0.0, 1.0, (), False)]
+    found = [Junction(start, 0.0, 1.0, (), False, start)]
     for group, _ in request.groups:
         for i in group:
             segment, goal = request.segments[i], initial[i].goal
             orders = (*([] if segment.pose is None else [0]), *([] if segment.stops else [1, 2]))
             unit = float(np.diff(ends[i : i + 3]).mean())
-            found.append(Junction(goal, float(ends[i + 1]), unit, orders, i != group[-1]))
+            fixed: JointState | None = goal
+            if orders:
+                fixed = None if 0 in orders else JointState(goal.joint_names, goal.positions)
+            found.append(Junction(goal, float(ends[i + 1]), unit, orders, i != group[-1], fixed))
     return tuple(found)
 
 

@@ -326,7 +326,7 @@ def _motions_at(
         if request.pose is not None:
             goal = JointState(goal.joint_names, unknowns.boundary_at(x)[GOAL_POSITION])
         states = [(request.start, 0.0), (goal, unknowns.duration_at(x))]
-        weights = [unknowns.weights(x)]
+        weights = [(x * unknowns.scales)[: unknowns.n_weights]]
     else:
         states, weights = program.links.states(x), program.links.weights(x)
     for i, segment in enumerate(request.segments, start=1):

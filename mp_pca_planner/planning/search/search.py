@@ -125,13 +125,12 @@ def blocked(case: Case, budget: Budget) -> Candidate | None:
     context, request, model = case.context, case.request, case.context.collision
     if model is None:
         return None
-    fixed = [("the start", request.start)]
-    for name, segment in zip(request.target_names, request.segments, strict=True):
-        if segment.pose is None:
-            fixed.append((name, segment.goal))
-    if not model.collide_anywhere(np.array([state.positions for _, state in fixed])):
+    fixed = [request.start, *(one.goal for one in request.segments if one.pose is None)]
+    if not model.collide_anywhere(np.array([state.positions for state in fixed])):
         return None
-    for name, state in fixed:
+    targets = zip(request.target_names, request.segments, strict=True)
+    names = ["the start", *(name for name, one in targets if one.pose is None)]
+    for name, state in zip(names, fixed, strict=True):
         if met := met_at(model, state):
             advice = ": move the robot or the obstacle first" if state is request.start else ""
             if met[0].links[1] not in model.world.names:
