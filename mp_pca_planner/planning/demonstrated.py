@@ -130,15 +130,6 @@ def demonstrated_positions(primitive: MovementPrimitive, n_samples: int) -> Floa
     return np.asarray(boundary + np.array([*shapes]))
 
 
-def demonstrated_peaks(primitive: MovementPrimitive) -> FloatArray:
-    """Largest velocities and accelerations of the demonstrations [/s, /s²], shape (2, n_joints)."""
-    q = demonstrated_positions(primitive, _N_SAMPLES)
-    steps = primitive.durations[:, None, None] / (_N_SAMPLES - 1)
-    v = np.gradient(q, axis=1) / steps
-    a = np.gradient(v, axis=1) / steps
-    return np.asarray(np.abs([v, a]).max(axis=(1, 2)))
-
-
 def demonstrated_limits(
     robot: Robot, primitives: Iterable[MovementPrimitive], limits: JointLimits, margin: float
 ) -> tuple[JointLimits, JointLimits]:
@@ -162,7 +153,13 @@ def demonstrated_limits(
     usual : JointLimits
         The same, but only of accelerations without a limit.
     """
-    peaks = np.max([demonstrated_peaks(one) for one in primitives], axis=0)
+    peaks = np.zeros((2, robot.n_joints))  # of velocities and accelerations [/s, /s²]
+    for primitive in primitives:
+        q = demonstrated_positions(primitive, _N_SAMPLES)
+        steps = primitive.durations[:, None, None] / (_N_SAMPLES - 1)
+        v = np.gradient(q, axis=1) / steps
+        a = np.gradient(v, axis=1) / steps
+        peaks = np.maximum(peaks, np.abs([v, a]).max(axis=(1, 2)))
     is_prismatic = np.isin(robot.joint_names, robot.prismatic_joints)
     for kind in (is_prismatic, ~is_prismatic):
         if kind.any():

@@ -172,7 +172,11 @@ def paths(
         search = budget.part(_SHARE_OF_SEARCH)
         # Few searches take far longer than most: another seed is often faster.
         times = 1 + (seed - 1) // _N_OF_REACH
-        near = _around(ends, PATH_REACH * times, bounds)
+        low, high = np.min(ends, axis=0), np.max(ends, axis=0)
+        near = (
+            np.maximum(low - PATH_REACH * times, bounds[0]),
+            np.minimum(high + PATH_REACH * times, bounds[1]),
+        )
         path = sampled_path(
             collides,
             near,
@@ -205,14 +209,6 @@ def corners_of(context: Context, path: FloatArray, budget: Budget) -> FloatArray
             k -= 1
         kept.append(k)
     return path[kept]
-
-
-def _around(
-    ends: tuple[FloatArray, FloatArray], reach: float, bounds: tuple[FloatArray, FloatArray]
-) -> tuple[FloatArray, FloatArray]:
-    """Least and largest positions within a reach of the ends, and within bounds."""
-    low, high = np.min(ends, axis=0) - reach, np.max(ends, axis=0) + reach
-    return np.maximum(low, bounds[0]), np.minimum(high, bounds[1])
 
 
 def _length(path: FloatArray) -> float:
