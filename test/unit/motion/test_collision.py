@@ -218,3 +218,4 @@ def test_a_pose_in_an_obstacle_is_named_however_much_time_there_is(seconds):
         assert plan.status == INFEASIBLE
         assert plan.message.startswith(f"{name} is in collision: ") and "'ball'" in plan.message
         assert "no configuration that reaches its pose" in plan.message
+        assert plan.facts["clearance"] == 0.0 and plan.facts["nearest_obstacle"] == "ball"
