@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -99,47 +98,38 @@ class StatedCommand:
         )
 
 
-ReadCommand = Callable[[Sequence[str]], StatedCommand]
-"""Returns the command of some joints of a message; raises a `GoalError` if it is unusable."""
-
-
 class ControllerStates:
-    """The newest state of the controller."""
+    """The command that the controller has stated last."""
 
     def __init__(self) -> None:
-        self._message: tuple[ReadCommand, float] | None = None
         self._last: StatedCommand | None = None
 
-    def receive(self, read: ReadCommand, time: float) -> None:
-        """Keep a message that a controller sent at a time of the node [s]."""
-        self._message = read, time
+    def receive(self, command: StatedCommand) -> None:
+        """Keep a newer command."""
+        self._last = _with_rates(command, self._last)
 
     def is_fresh(self, now: float) -> bool:
-        """Whether a state was received lately."""
-        return self._message is not None and abs(now - self._message[1]) <= _MAX_AGE
+        """Whether a command was received lately."""
+        return self._last is not None and abs(now - self._last.time) <= _MAX_AGE
 
     def newest(self, joint_names: tuple[str, ...], now: float) -> StatedCommand | None:
-        """The command of some joints that was stated last; None if it is old, or unusable."""
-        if self._message is None or not self.is_fresh(now):
+        """The command that was stated last; None if it is old, of other joints, or of no rate."""
+        last = self._last
+        if last is None or not self.is_fresh(now) or last.state.joint_names != joint_names:
             return None
-        (read, time), last = self._message, self._last
-        if last is None or last.time != time or last.state.joint_names != joint_names:
-            try:
-                found = replace(read(joint_names), time=time)
-            except GoalError:
-                return None
-            is_next = last is not None and 0.0 < time - last.time <= _MAX_AGE
-            last = self._last = _with_rates(found, last if is_next else None)
         return last if math.isfinite(last.rate) else None
 
 
 def _with_rates(command: StatedCommand, last: StatedCommand | None) -> StatedCommand:
-    """A command with its rate, and how that changes since the last one.
+    """A command with its rate, and how that changes since the last one, if that was just before.
 
     Controllers of ros2_controllers before 4.39 state a rate of 0 at any speed: then it is how far
     the command moved by its velocities, and NaN where there is no last command.
     """
     rate, v = command.rate, command.state.velocities
+    if last is not None:
+        is_same = last.state.joint_names == command.state.joint_names
+        last = last if is_same and 0.0 < command.time - last.time <= _MAX_AGE else None
     if rate == 0.0 and v.any():
         rate = math.nan
         if last is not None:

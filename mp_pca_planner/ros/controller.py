@@ -46,8 +46,8 @@ _SUCCEEDED, _CANCELED = 4, 5  # of action_msgs/GoalStatus
 Hear = Callable[[Trajectory, str, MotionOutcome | None], None]
 
 
-def to_command(content: bytes, joint_names: Sequence[str]) -> StatedCommand:
-    """Read the command of some joints from the serialised state of a controller.
+def to_command(content: bytes, joint_names: Sequence[str], time: float) -> StatedCommand:
+    """Read the command of some joints from the state of a controller, serialised at a time [s].
 
     Raises
     ------
@@ -67,7 +67,7 @@ def to_command(content: bytes, joint_names: Sequence[str]) -> StatedCommand:
     rate = message.speed_scaling_factor
     if not (all(map(math.isfinite, (*q, *v, *a))) and 0.0 <= rate <= 10.0):
         raise GoalError("the state of the controller has a number that is not finite")
-    return StatedCommand(JointState(tuple(joint_names), q, v, a), rate)
+    return StatedCommand(JointState(tuple(joint_names), q, v, a), rate, time)
 
 
 @dataclass(eq=False)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -284,7 +285,9 @@ class PlannerNode(Node):
             for content, facts in self._controller[1].poll():
                 stamp, age = to_seconds(read_stamp(content)), message_age(facts, longest)
                 then = measured.time_of(stamp, age)
-                self._tracker.controller.receive(partial(to_command, content), then)
+                with suppress(GoalError):  # it does not count
+                    command = to_command(content, measured.joint_names, then)
+                    self._tracker.controller.receive(command)
         for content, facts in thinned(self._states.poll()):
             try:
                 message = deserialize_message(content, JointState)

@@ -114,10 +114,10 @@ def test_command_with_an_impossible_speed_is_unusable(control_msgs, monkeypatch,
     state.reference.positions = state.reference.velocities = [0.0] * len(JOINTS)
     content = bytes(serialize_message(state))
     if scaling == 0.5:
-        assert controller.to_command(content, JOINTS[:2]).rate == 0.5
+        assert controller.to_command(content, JOINTS[:2], 1.0).rate == 0.5
     else:
         with pytest.raises(GoalError, match="a number that is not finite"):
-            controller.to_command(content, JOINTS[:2])
+            controller.to_command(content, JOINTS[:2], 1.0)
 
 
 @pytest.mark.slow

@@ -177,6 +177,7 @@ class VirtualNode:
         self._ticks = 0
         # States that wait, and until when the node stands still, or its states do [s].
         self._waiting: list[tuple[Any, ...]] = []
+        self._stated: StatedCommand | None = None
         self._stalled = self._held_back = -np.inf
         self._model, self._world = model, World()
         self.restart()
@@ -194,6 +195,7 @@ class VirtualNode:
         """Restart the node; it forgets what was published."""
         self.restarts.append(self.now)
         self._events.clear()
+        self._stated = None
         measured = MeasuredStates(lambda: self.now, lambda: self.now)
         self.tracker = Tracker(measured, lambda: self.now)
         self.planner = VirtualPlanner(self, self._model)
@@ -218,11 +220,13 @@ class VirtualNode:
 
     def goal(self, goal: Goal, name: Any) -> None:
         """Receive a goal, which replaces a waiting one."""
+        self.poll()
         self.server.goal(GoalRequest(goal, name))
 
     def stop(self) -> str:
         """Call the service ~/stop."""
         self.stops.append(self.now)
+        self.poll()
         try:
             return self.server.stop()
         except PlannerError as error:
@@ -282,25 +286,27 @@ class VirtualNode:
             self._waiting.clear()
             self._state_command()
         if self._ticks % WATCH_PERIOD == 0:
+            self.poll()
             self.server.tick()
         while self._events and self._events[0][0] <= self.now:
+            self.poll()
             heapq.heappop(self._events)[2]()
 
     def _state_command(self) -> None:
-        """Receive what the controller states of itself in this tick."""
+        """Note what the controller states of itself in this tick."""
         controller = self.robot.controller
         is_stated = self.has_controller_state and controller.is_active
         if not is_stated or self._ticks % STATE_PERIOD:
             return
-        names = self.robot.joint_names
         scaling = controller.speed_scaling if self.states_scaling else 0.0
-        reference = controller.stated()[0].copy()
+        state = JointState(self.robot.joint_names, *controller.stated()[0])
+        self._stated = StatedCommand(state, scaling, self.now)
 
-        def read(wanted: Sequence[str]) -> StatedCommand:
-            columns = reference[:, [names.index(name) for name in wanted]]
-            return StatedCommand(JointState(tuple(wanted), *columns), scaling)
-
-        self.tracker.controller.receive(read, self.now)
+    def poll(self) -> None:
+        """Receive what the controller has stated last, as the node does before it looks."""
+        if self._stated is not None:
+            self.tracker.controller.receive(self._stated)
+            self._stated = None
 
     def _measure(self) -> None:
         """Send the joint states of this tick."""

@@ -54,7 +54,7 @@ class World:
 
     def state_command(self, state, rate=1.0):
         if self.states_command:
-            self.tracker.controller.receive(lambda _: StatedCommand(state, rate), self.now)
+            self.tracker.controller.receive(StatedCommand(state, rate, self.now))
 
     def run(self, duration, where):
         """The robot is where the function of time says, off its motion."""
@@ -308,10 +308,8 @@ def test_stated_command_of_a_fast_robot_counts_though_its_servos_lag():
     assert world.where().command is None
 
 
-def test_message_without_a_usable_command_does_not_count(world):
-    def unusable(_):
-        raise GoalError("no reference")
-
-    world.tracker.controller.receive(unusable, world.now)
+def test_command_of_other_joints_does_not_count(world):
+    other = JointState(("other", "joints"), [1.0, 1.0])
+    world.tracker.controller.receive(StatedCommand(other, 1.0, world.now))
     assert world.where().command is None
     assert world.choose().state.positions.tolist() == [0.0, 0.0]
