@@ -98,28 +98,6 @@ class StatedCommand:
         )
 
 
-class ControllerStates:
-    """The command that the controller has stated last."""
-
-    def __init__(self) -> None:
-        self._last: StatedCommand | None = None
-
-    def receive(self, command: StatedCommand) -> None:
-        """Keep a newer command."""
-        self._last = _with_rates(command, self._last)
-
-    def is_fresh(self, now: float) -> bool:
-        """Whether a command was received lately."""
-        return self._last is not None and abs(now - self._last.time) <= _MAX_AGE
-
-    def newest(self, joint_names: tuple[str, ...], now: float) -> StatedCommand | None:
-        """The command that was stated last; None if it is old, of other joints, or of no rate."""
-        last = self._last
-        if last is None or not self.is_fresh(now) or last.state.joint_names != joint_names:
-            return None
-        return last if math.isfinite(last.rate) else None
-
-
 def _with_rates(command: StatedCommand, last: StatedCommand | None) -> StatedCommand:
     """A command with its rate, and how that changes since the last one, if that was just before.
 
@@ -141,6 +119,16 @@ def _with_rates(command: StatedCommand, last: StatedCommand | None) -> StatedCom
     if last is None or not math.isfinite(last.rate):
         return replace(command, rate=rate)
     return replace(command, rate=rate, change=(rate - last.rate) / (command.time - last.time))
+
+
+def _is_believed(command: StatedCommand, measured: MeasuredState, settings: Settings) -> bool:
+    """Whether a command is of the joints that were measured, has a rate, and is near them."""
+    names = command.state.joint_names
+    if names != measured.state.joint_names or not math.isfinite(command.rate):
+        return False
+    lag = settings.servo_lag * np.abs(command.state.velocities)
+    away = np.abs(command.state.positions - measured.positions)
+    return bool(np.all(away <= _BELIEVED + lag))
 
 
 class How(Enum):
@@ -252,15 +240,13 @@ class Tracker:
     ----------
     measured, clock
         As given.
-    controller : ControllerStates
-        The states of the controller, if it publishes them.
     motion : PublishedMotion or None
         The motion that was published last.
     """
 
     def __init__(self, measured: MeasuredStates, clock: Clock) -> None:
         self.measured, self.clock = measured, clock
-        self.controller = ControllerStates()
+        self._stated: StatedCommand | None = None
         self.motion: PublishedMotion | None = None
         # The motion that the robot may follow instead, and the one that it follows for all we know.
         self._before: PublishedMotion | None = None
@@ -276,6 +262,15 @@ class Tracker:
         """Set the joints whose state is needed; states and motions of others are forgotten."""
         self.measured.expect(joint_names)
         self.motion = self._before = self._current = None
+
+    def receive(self, command: StatedCommand) -> None:
+        """Keep the command that the controller has stated last."""
+        self._stated = _with_rates(command, self._stated)
+
+    @property
+    def hears_controller(self) -> bool:
+        """Whether the controller has stated a command lately."""
+        return self._stated is not None and abs(self.clock() - self._stated.time) <= _MAX_AGE
 
     def publish(self, motion: PublishedMotion) -> None:
         """Record that a motion was published."""
@@ -300,11 +295,9 @@ class Tracker:
             If there is no usable measured state.
         """
         now, measured = self.clock(), self.measured.newest(settings.state_timeout)
-        command = self.controller.newest(measured.state.joint_names, now)
-        if command is not None:
-            lag = settings.servo_lag * np.abs(command.state.velocities)
-            away = np.abs(command.state.positions - measured.positions)
-            command = command if np.all(away <= _BELIEVED + lag) else None
+        command = self._stated if self.hears_controller else None
+        if command is not None and not _is_believed(command, measured, settings):
+            command = None
         if self.motion is not None and now < self.motion.began - 1.0:
             self.motion = self._before = self._current = None  # time was set back
         following = self._followed(now, measured, command, settings)

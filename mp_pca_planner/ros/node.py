@@ -286,8 +286,7 @@ class PlannerNode(Node):
                 stamp, age = to_seconds(read_stamp(content)), message_age(facts, longest)
                 then = measured.time_of(stamp, age)
                 with suppress(GoalError):  # it does not count
-                    command = to_command(content, measured.joint_names, then)
-                    self._tracker.controller.receive(command)
+                    self._tracker.receive(to_command(content, measured.joint_names, then))
         for content, facts in thinned(self._states.poll()):
             try:
                 message = deserialize_message(content, JointState)
@@ -603,11 +602,10 @@ class PlannerNode(Node):
                 "so goals for a moving robot may cause jumps; synchronise the clocks",
                 once=True,
             )
-        is_heard = self._tracker.controller.is_fresh(self.seconds())
         is_due = time.monotonic() - self._began > _CONTROLLER_TIME and measured.age is not None
-        if is_due and not is_heard and self._server.model is not None:
+        if is_due and not self._tracker.hears_controller and self._server.model is not None:
             install = "install control_msgs, or make it by scripts/control_messages.py, to hear"
-            why = "no message has come on" if HAS_CONTROL_MSGS else install
+            why = "no usable message has come on" if HAS_CONTROL_MSGS else install
             topic = self._controller[0] if self._controller else "controller_state"
             logger.warning(
                 f"without the controller's state ({why} '{topic}'), the command of a moving robot "
@@ -630,7 +628,6 @@ class PlannerNode(Node):
         elif not problem and model is not None:
             problem = model.facts.unknown
         locked = model.robot.locked_positions if model else {}
-        is_stated = self._tracker.controller.is_fresh(self.seconds())
         values = {
             "model": quote_names(model.robot.joint_names) if model else "none",
             "joints": ", ".join(model.robot.described_joints) if model else "none",
@@ -640,7 +637,7 @@ class PlannerNode(Node):
             "worker_restarts": self._workers.n_restarts,
             "locked_joints": ", ".join(f"{k}={x:.4g}" for k, x in locked.items()) or "none",
             "controller_action": self._action.state,
-            "controller_state": "received" if is_stated else "none",
+            "controller_state": "received" if self._tracker.hears_controller else "none",
             "obstacles": self._world.n_obstacles,
             "obstacle_rejected": self._world.missing or "none",
             **statistics.solve_time_percentiles(),

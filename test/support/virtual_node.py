@@ -305,7 +305,7 @@ class VirtualNode:
     def poll(self) -> None:
         """Receive what the controller has stated last, as the node does before it looks."""
         if self._stated is not None:
-            self.tracker.controller.receive(self._stated)
+            self.tracker.receive(self._stated)
             self._stated = None
 
     def _measure(self) -> None:

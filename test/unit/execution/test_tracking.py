@@ -54,7 +54,7 @@ class World:
 
     def state_command(self, state, rate=1.0):
         if self.states_command:
-            self.tracker.controller.receive(StatedCommand(state, rate, self.now))
+            self.tracker.receive(StatedCommand(state, rate, self.now))
 
     def run(self, duration, where):
         """The robot is where the function of time says, off its motion."""
@@ -310,6 +310,6 @@ def test_stated_command_of_a_fast_robot_counts_though_its_servos_lag():
 
 def test_command_of_other_joints_does_not_count(world):
     other = JointState(("other", "joints"), [1.0, 1.0])
-    world.tracker.controller.receive(StatedCommand(other, 1.0, world.now))
+    world.tracker.receive(StatedCommand(other, 1.0, world.now))
     assert world.where().command is None
     assert world.choose().state.positions.tolist() == [0.0, 0.0]
