@@ -202,8 +202,6 @@ class Planned:
     planned_duration, solve_time : float
         Duration of the planned motion, perhaps displaced several times since; time taken to find
         it [s].
-    facts : ModelFacts or None
-        Facts of the model, if they have changed.
     """
 
     key: int
@@ -217,7 +215,6 @@ class Planned:
     laws: Mapping[str, str]
     planned_duration: float
     solve_time: float
-    facts: ModelFacts | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -345,26 +345,21 @@ class GoalPlanner:
         facts = model.facts if model else None
         return SetUpDone(message.number, names, primitives, facts)
 
-    def lock(self, measured: Mapping[str, float]) -> bool:
-        """Lock the joints that do not move where they are; returns whether the model is another."""
-        model = self.model
-        if model is None or self._library is None or not is_outdated(model, measured, self.world):
-            return False
-        self.model = assemble_model(model.urdf, self._library, model.settings, measured)
-        return True
+    def lock(self, measured: Mapping[str, float]) -> None:
+        """Lock the joints that do not move where they are, by another model if need be."""
+        model, library = self.model, self._library
+        if model is not None and library and is_outdated(model, measured, self.world):
+            self.model = assemble_model(model.urdf, library, model.settings, measured)
 
     def plan(self, request: PlanRequest) -> Planned | Rejected:
         """Plan a motion, continue the one that is running, or say why there is none."""
         try:
             if self.model is None:
                 raise GoalError("the planner is being set up; send the goal again")
-            is_other = self.lock(request.measured)
-            found = self._planned(request, self.model)
+            self.lock(request.measured)
+            return self._planned(request, self.model)
         except PlannerError as error:
             return Rejected(request.key, str(error))
-        if is_other and isinstance(found, Planned):
-            return replace(found, facts=self.model.facts)
-        return found
 
     def _planned(self, request: PlanRequest, model: Model) -> Planned | Rejected:
         world = self.world
@@ -496,7 +491,6 @@ class GoalPlanner:
             remarks=tuple(motion_remarks(planned.values["in_span_score"], check)),
             values=values,
             solve_time=solve_time,
-            facts=None,
         )
 
 

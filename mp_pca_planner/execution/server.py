@@ -456,8 +456,6 @@ class MotionServer:
 
     def _publish_planned(self, attempt: _Attempt, planned: Planned) -> None:
         """Join, check and publish a planned motion; plan again if it comes too late."""
-        if planned.facts is not None:
-            self.learn(planned.facts)
         model, start, now = self.model, attempt.start, self.tracker.clock()
         assert model is not None
         assert start is not None

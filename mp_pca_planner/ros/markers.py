@@ -176,6 +176,8 @@ class Obstacles:
         The obstacles in the base frame; another object after each change.
     unplaced, missing : str
         Why it is unknown where an obstacle is, and why one is not avoided; empty if all are.
+    model : Model, WatchedModel or None
+        The robot around which they are placed.
     """
 
     most = 400
@@ -193,11 +195,11 @@ class Obstacles:
         # When lifetimes end, by a clock that is never set back [s].
         self._ends: dict[str, float] = {}
         self._poses: dict[str, FloatArray] = {}
-        self._model: Model | WatchedModel | None = None
+        self.model: Model | WatchedModel | None = None
         self._lost = ""
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_model": None}
+        return {**vars(self), "model": None}
 
     def apply(self, message: Markers) -> None:
         """Apply a message; a marker that can't be used changes nothing."""
@@ -240,8 +242,8 @@ class Obstacles:
 
     def use(self, model: Model | WatchedModel | None) -> None:
         """Place the obstacles around another robot."""
-        if model is not self._model:
-            self._model = model
+        if model is not self.model:
+            self.model = model
             self._place()
 
     def use_frames(self, frames: Frames) -> None:
@@ -269,20 +271,20 @@ class Obstacles:
     @property
     def facts(self) -> WorldFacts:
         """What the node needs to know."""
-        n = len(self._stated if self._model is None else self.world)
+        n = len(self._stated if self.model is None else self.world)
         return WorldFacts(n, self.missing, self._foreign())
 
     def _foreign(self) -> tuple[str, ...]:
         """Frames of obstacles that are neither links nor fixed."""
-        if self._model is None:
+        if self.model is None:
             return ()
-        known = {"", *self._model.robot.frame_names}
-        known |= fixed_frames(self._model.settings.fixed_frames).keys()
+        known = {"", *self.model.robot.frame_names}
+        known |= fixed_frames(self.model.settings.fixed_frames).keys()
         return tuple(sorted({one.frame for one in self._stated.values()} - known))
 
     def _place(self) -> bool:
         """Make the world of the obstacles as they are stated; false if that is impossible."""
-        model, problems = self._model, list(self._rejected.values())
+        model, problems = self.model, list(self._rejected.values())
         if model is None:
             return True
         fixed = fixed_frames(model.settings.fixed_frames)
@@ -339,8 +341,8 @@ class Obstacles:
             )
         if marker.action == Marker.ADD:
             folders: Sequence[Path] = ()
-            if self._model is not None:
-                folders = package_folders(self._model.settings.package_folders)
+            if self.model is not None:
+                folders = package_folders(self.model.settings.package_folders)
             self._stated[name] = to_obstacle(marker, folders)
         elif marker.action in (Marker.DELETE, Marker.DELETEALL):
             for other in [other for other in self._stated if _concerns(marker, other)]:

@@ -189,7 +189,9 @@ class _Worker:
         match message:
             case PlanRequest():
                 self._take_obstacles()
-                self._send(core.plan(message))
+                answer: object = core.plan(message)
+                self._tell_model()
+                self._send(answer)
             case SetUp():
                 answer = core.set_up(message)
                 self._use_model()
@@ -199,9 +201,8 @@ class _Worker:
                 gc.collect()
                 gc.freeze()
             case Positions():
-                if core.lock(message.measured) and core.model is not None:
-                    self._use_model()
-                    self._send(core.model.facts)
+                core.lock(message.measured)
+                self._tell_model()
             case KeepMotion():
                 self._send(self._kept(message))
             case ShowMotion():
@@ -236,6 +237,13 @@ class _Worker:
                 self._guarded(message)
             else:
                 self._later.append(message)
+
+    def _tell_model(self) -> None:
+        """Tell the node if joints that do not move are elsewhere."""
+        model = self._core.model
+        if model is not None and model is not self._obstacles.model:
+            self._use_model()
+            self._send(model.facts)
 
     def _use_model(self) -> None:
         is_planner = self._role == PLANNER

@@ -154,9 +154,10 @@ def test_goals_are_rejected_until_all_that_a_plan_needs_is_known(library: str) -
     assert isinstance(rejected, Rejected) and "'finger'" in rejected.reason
     # Where it was measured last, it is locked.
     for position, is_new in ((0.09, True), (0.09, False), (0.02, True)):
-        planned = planner.plan(request(3, measured={"finger": position}))
-        assert isinstance(planned, Planned) and (planned.facts is not None) == is_new
-        assert planned.facts is None or dict(planned.facts.locked) == {"finger": position}
+        before = planner.model
+        assert isinstance(planner.plan(request(3, measured={"finger": position})), Planned)
+        assert (planner.model is not before) == is_new
+        assert dict(planner.model.facts.locked) == {"finger": position}
 
 
 @pytest.mark.parametrize(
