@@ -182,8 +182,9 @@ def _execute(goals: Sequence[FloatArray]) -> tuple[list[Trajectory], bool]:
     from sensor_msgs.msg import JointState
     from trajectory_msgs.msg import JointTrajectory
 
-    from ..ros.client import DEPTH, READY, GoalClient, report_values
+    from ..ros.client import DEPTH, GoalClient, report_values
     from ..ros.messages import to_trajectory
+    from ..ros.nodes import READY
 
     received, has_arrived = list[JointTrajectory](), True
     with GoalClient() as client:

@@ -66,7 +66,8 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
     """Send a goal, and print the node's report and what became of the motion."""
     from diagnostic_msgs.msg import DiagnosticStatus
 
-    from ..ros.client import WAITING, is_served, report_values
+    from ..ros.client import is_served, report_values
+    from ..ros.nodes import WAITING
 
     # The stamp distinguishes the report from those of other goals.
     stamp = message.header.stamp

@@ -29,18 +29,12 @@ from ..recordings.joint_states import NS_PER_S
 from ..robot.world import World
 from .goals import GOAL_TOPICS
 from .messages import to_stamp_text
-from .nodes import LATCHED, NODE_NAME
+from .nodes import LATCHED, NODE_NAME, READY, WAITING
 from .world_markers import to_obstacle_markers
 
 # A client that is busy for a while must not lose messages.
 DEPTH = 10_000
 """Depth of the subscriptions of a client."""
-
-READY = "ready for goals"
-"""Sentence in the diagnostics of a node that has all it needs."""
-
-WAITING = "waiting for "
-"""Begin of the sentence in the diagnostics of a node that waits for its robot."""
 
 _TOPIC_NAMES = {topic.message_type: topic.name for topic in GOAL_TOPICS}
 

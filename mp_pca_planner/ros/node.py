@@ -69,7 +69,9 @@ from .nodes import (
     LATCHED,
     LOG_PERIOD,
     NODE_NAME,
+    READY,
     STATES,
+    WAITING,
     PolledSubscription,
     message_age,
     thinned,
@@ -521,7 +523,7 @@ class PlannerNode(Node):
             )
         topic = self.resolve_topic_name("robot_description")
         return self._model_problem or (
-            f"waiting for a robot description: nothing has arrived on '{topic}' yet, and the "
+            f"{WAITING}a robot description: nothing has arrived on '{topic}' yet, and the "
             "parameter 'robot_description' is empty"
         )
 
@@ -620,7 +622,7 @@ class PlannerNode(Node):
         age, problem = measured.age, self._missing or self._problem
         timeout = self._settings.state_timeout
         if not problem and age is None:
-            problem = "waiting for joint_states"
+            problem = f"{WAITING}joint_states"
         elif not problem and age is not None and 0.0 < timeout < age:
             problem = f"joint_states stopped {age:.1f} s ago"
         elif not problem and self._world.missing:
@@ -647,13 +649,13 @@ class PlannerNode(Node):
         }
         level = DiagnosticStatus.WARN if problem else DiagnosticStatus.OK
         name = f"{self.get_fully_qualified_name()}: planner"
-        status = to_status(name, level, problem or "ready for goals", values)
+        status = to_status(name, level, problem or READY, values)
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
     def _log_readiness(self) -> None:
-        self.get_logger().info(to_text(self._missing or "ready for goals"))
+        self.get_logger().info(to_text(self._missing or READY))
         model = self._server.model
         notes = model.facts.notes if model is not None else self._notes
         for note in notes:

@@ -21,6 +21,12 @@ from ..exceptions import PlannerError
 NODE_NAME = "mp_pca_planner"
 """Name of the planner's node, unless it is another one."""
 
+READY = "ready for goals"
+"""Sentence in the diagnostics of a node that has all it needs."""
+
+WAITING = "waiting for "
+"""Begin of the sentence in the diagnostics of a node that waits for its robot."""
+
 Taken = tuple[bytes, dict[str, int]]
 """A serialised message and what the middleware knows of it."""
 

@@ -24,7 +24,7 @@ from support.patience import HANG
 from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import load_primitive
 from mp_pca_planner.recordings.cutting import read_segments
-from mp_pca_planner.ros.client import READY
+from mp_pca_planner.ros.nodes import READY
 
 URDF_FILE = str(config_file("human_arm.urdf"))
 
