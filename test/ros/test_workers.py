@@ -20,12 +20,13 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from geometry_msgs.msg import Point, Vector3
 from rclpy.serialization import serialize_message
-from support.arm import JOINTS, URDF, arm_primitive, arm_robot
+from support.arm import GRIPPER_URDF, JOINTS, URDF, arm_primitive, arm_robot
 from support.nodes import GOAL, START
 from support.patience import HANG
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.execution.link import (
+    ModelFacts,
     Planned,
     PlanRequest,
     Rejected,
@@ -110,6 +111,23 @@ def test_worker_is_ended_if_it_ignores_a_cancelled_request_and_not_once_it_has_a
     assert answer_of_end(worker) == "it did not answer in time"
 
 
+def test_node_hears_where_a_gripper_is_although_its_goal_is_rejected(
+    workers: Callable[[], WorkerProcess], tmp_path: Path
+) -> None:
+    worker, settings = workers(), Settings(primitives=(str(tmp_path / "arm.npz"),))
+    worker.send(SetUp(2, GRIPPER_URDF, settings, {"finger": 0.02}))
+    assert answer_of(worker, SetUpDone).model is not None
+    far = JointGoal(JointState(JOINTS, [9.0] * len(JOINTS)))
+    worker.send(PlanRequest(1, far, JointState(JOINTS, START), {"finger": 0.08}))
+    heard, deadline = list[object](), time.monotonic() + HANG
+    while not any(isinstance(message, Rejected) for message in heard):
+        assert time.monotonic() < deadline
+        heard += worker.receive()
+        time.sleep(0.005)
+    (facts,) = (message for message in heard if isinstance(message, ModelFacts))
+    assert dict(facts.locked) == {"finger": 0.08}
+
+
 def answer_of_end(worker: WorkerProcess) -> str:
     with pytest.raises(AssertionError) as end:
         answer_of(worker, Planned)
@@ -179,7 +197,7 @@ def test_goal_is_answered_while_obstacles_keep_coming(
         one.pose.position.z = 3.0
     content = bytes(serialize_message(MarkerArray(markers=boxes)))
     worker.send(request(1))
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + HANG
     while time.monotonic() < deadline:
         if worker.backlog < 5:
             worker.send(Markers(content, next(stamps), False))

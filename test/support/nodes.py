@@ -147,7 +147,7 @@ class NodeClient(GoalClient):
     def try_to_set(self, values: Mapping[str, object]) -> list[str]:
         """Set parameters one by one; why they are refused, '' if they are not."""
         request = set_request(values)
-        results = self.result(self._services["set_parameters"], request).results
+        results = self.result(self._services["set_parameters"], request, HANG).results
         return ["" if one.successful else one.reason or "for no reason" for one in results]
 
     def set(self, **values: object) -> None:
