@@ -60,13 +60,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command until SIGINT or SIGTERM; returns the exit status."""
     check_output(arguments.record, ".npz", force=arguments.force)
-    if arguments.primitive is None:
-        robot = Robot.from_file(arguments.robot)
-        start = _start_within_limits(robot)
-    else:
+    robot = Robot.from_file(arguments.robot)
+    start, others = _start_within_limits(robot), dict[str, float]()
+    if arguments.primitive is not None:
         library = load_primitives([arguments.primitive])
         robot = robot_of(arguments.robot, library)
-        start = by_name(library.joint_names, usual_ends(library.ends)[0])
+        others = {name: x for name, x in start.items() if name not in robot.joint_names}
+        robot = robot.locked_at(others)
+        start |= by_name(library.joint_names, usual_ends(library.ends)[0])
     if arguments.start is not None:
         given = joint_values(arguments.start, robot.described_joints, "--start")
         _check_within_limits(given, robot)
@@ -86,6 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
         simulated,
         robot.urdf,
         arguments.controller_topic,
+        others=others,
         keep_record=arguments.record is not None,
     )
     spin_until(lambda: bool(received), node, lambda: max(node.advance(), 0.0))
@@ -112,11 +114,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _start_within_limits(robot: Robot) -> dict[str, float]:
     """A position of each joint: 0 if its limits include that, else the middle of its range."""
-    limits = robot.limits()
-    with np.errstate(invalid="ignore"):
-        middle = 0.5 * (limits.lower + limits.upper)
-    start = np.where((limits.lower < 0.0) & (limits.upper > 0.0), 0.0, middle)
-    return by_name(robot.joint_names, start)
+    ranges, start = robot.position_ranges(), dict[str, float]()
+    for name in robot.joint_names:
+        low, high = ranges.get(name, (-np.inf, np.inf))
+        start[name] = 0.0 if low < 0.0 < high else 0.5 * (low + high)
+    return start
 
 
 def _check_within_limits(start: dict[str, float], robot: Robot) -> None:

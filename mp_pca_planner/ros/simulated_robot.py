@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 
@@ -99,6 +99,8 @@ class SimulatedRobotNode(Node):
         Its description, XML text.
     controller_topic : str
         Name of the topic of trajectories.
+    others : mapping of str to float
+        Positions of the joints that the controller does not move, such as a gripper's [rad or m].
     keep_record : bool
         Whether the robot's record is kept from the start.
 
@@ -109,10 +111,16 @@ class SimulatedRobotNode(Node):
     """
 
     def __init__(
-        self, robot: SimulatedRobot, urdf: str, controller_topic: str, *, keep_record: bool
+        self,
+        robot: SimulatedRobot,
+        urdf: str,
+        controller_topic: str,
+        *,
+        others: Mapping[str, float],
+        keep_record: bool,
     ) -> None:
         super().__init__(NODE_NAME)
-        self._robot, self._keep_record = robot, keep_record
+        self._robot, self._others, self._keep_record = robot, others, keep_record
         self.delays: list[float] = []
         self._published, self._n_rejections = robot.state_time_ns, 0
         self._states = self.create_publisher(JointState, "joint_states", 10)
@@ -194,8 +202,13 @@ class SimulatedRobotNode(Node):
         robot = self._robot
         self._published = robot.state_time_ns
         _, q, v = robot.newest_state()
-        message = JointState(name=robot.joint_names, position=q.tolist(), velocity=v.tolist())
-        message.effort = robot.plant.acting.tolist()
+        rest = [0.0] * len(self._others)
+        message = JointState(
+            name=[*robot.joint_names, *self._others],
+            position=[*q.tolist(), *self._others.values()],
+            velocity=v.tolist() + rest,
+            effort=robot.plant.acting.tolist() + rest,
+        )
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(self._published, NS_PER_S)
         self._states.publish(message)

@@ -23,7 +23,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from support.arm import JOINTS, URDF, arm_primitive
+from support.arm import GRIPPER_URDF, JOINTS, URDF, arm_primitive
 from support.commands import refusal
 from support.domains import set_domain
 from support.nodes import ros_node
@@ -34,6 +34,7 @@ from mp_pca_planner.files import config_file
 START = (0.1, 0.2, 0.0, -0.8)
 START_TEXT = ",".join(map(str, START))
 PATIENCE = 60.0
+ARM = config_file("human_arm.urdf")
 
 
 @pytest.fixture(autouse=True)
@@ -97,13 +98,14 @@ class User:
 @contextmanager
 def simulated(
     *options,
+    robot=ARM,
     topic="mp_pca_planner/joint_trajectory",
     number=signal.SIGINT,
     start=("--start", START_TEXT),
 ):
     """The command, its user, and what it printed in the end."""
     command = [sys.executable, "-m", "mp_pca_planner", "simulate", "--json"]
-    command += ["--robot", str(config_file("human_arm.urdf"))]
+    command += ["--robot", str(robot)]
     command += [*start, *options]
     printed = {}
     with (
@@ -161,6 +163,16 @@ def test_options_count_and_faults_are_parameters(tmp_path):
         user.wait(lambda: any("not active" in line for line in user.log))
     (rejected,) = printed["rejected"]
     assert rejected["reason"] == "the controller is not active"
+
+
+def test_joints_beside_those_of_the_primitive_are_published_at_rest(tmp_path):
+    (tmp_path / "arm.urdf").write_text(GRIPPER_URDF)
+    arm_primitive().save(tmp_path / "reach.npz")
+    options = ("--primitive", str(tmp_path / "reach.npz"))
+    with simulated(*options, robot=tmp_path / "arm.urdf", start=()) as (user, _):
+        state = user.states[-1]
+        assert list(state.name) == [*JOINTS, "finger"]
+        assert (state.position[-1], state.velocity[-1], state.effort[-1]) == (0.05, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
