@@ -147,6 +147,7 @@ class _Worker:
         self._core.settle = self._take_obstacles
         self._watcher, self._obstacles = Watcher(), Obstacles()
         self._later: deque[Any] = deque()
+        self._measured: Positions | None = None
         self._told = WorldFacts(0)
 
     def work(self) -> None:
@@ -154,7 +155,14 @@ class _Worker:
         while True:
             if self._later or self._connection.poll(_IDLE):
                 message = self._later.popleft() if self._later else self._connection.recv()
-                self._guarded(message)
+                if isinstance(message, Positions):
+                    self._measured = message
+                else:
+                    self._guarded(message)
+            # The newest positions count, once nothing else waits: goals go first.
+            if self._measured and not (self._later or self._connection.poll(0)):
+                measured, self._measured = self._measured, None
+                self._guarded(measured)
             if self._obstacles.refresh():
                 self._use_world()
             if self._role == WATCHER and (verdict := self._watcher.look()) is not None:
