@@ -67,7 +67,10 @@ class WorkerProcess:
         self._process = context.Process(
             target=run, args=(role, theirs, self._cancelled), name=role, daemon=True
         )
+        # Ctrl-C in a terminal reaches the workers, too: it waits until they ignore it.
+        unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         self._process.start()
+        signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
         theirs.close()
         for work, *of_work in ((self._send_all, ours, self._outbox), (self._receive_all, ours)):
             threading.Thread(target=work, args=of_work, name=role, daemon=True).start()

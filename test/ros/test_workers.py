@@ -8,6 +8,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
@@ -29,6 +30,7 @@ from mp_pca_planner.execution.link import (
     ModelFacts,
     Planned,
     PlanRequest,
+    Positions,
     Rejected,
     SetUp,
     SetUpDone,
@@ -54,9 +56,9 @@ def workers(tmp_path: Path) -> Iterator[Callable[[], WorkerProcess]]:
     save_primitive(arm_primitive(), tmp_path / "arm.npz")
     settings = Settings(primitives=(str(tmp_path / "arm.npz"),))
 
-    def start() -> WorkerProcess:
+    def start(urdf: str = URDF) -> WorkerProcess:
         started.append(WorkerProcess(PLANNER, lambda: None))
-        started[-1].send(SetUp(1, URDF, settings))
+        started[-1].send(SetUp(1, urdf, settings))
         assert not answer_of(started[-1], SetUpDone).problem
         return started[-1]
 
@@ -126,6 +128,34 @@ def test_node_hears_where_a_gripper_is_although_its_goal_is_rejected(
         time.sleep(0.005)
     (facts,) = (message for message in heard if isinstance(message, ModelFacts))
     assert dict(facts.locked) == {"finger": 0.08}
+
+
+def test_worker_that_starts_ignores_the_interrupt_of_a_terminal(
+    workers: Callable[[], WorkerProcess],
+) -> None:
+    worker = WorkerProcess(PLANNER, lambda: None)
+    os.kill(worker.pid, signal.SIGINT)
+    worker.send(request(1))
+    answer_of(worker, Rejected)
+    worker.close()
+
+
+def test_goal_does_not_wait_for_each_place_of_a_gripper_that_moves(
+    workers: Callable[[str], WorkerProcess],
+) -> None:
+    worker = workers(GRIPPER_URDF)
+    os.kill(worker.pid, signal.SIGSTOP)
+    for place in np.linspace(0.0, 0.1, 50):
+        worker.send(Positions({"finger": float(place)}))
+    worker.send(replace(request(1), measured={"finger": 0.1}))
+    os.kill(worker.pid, signal.SIGCONT)
+    heard, deadline = list[object](), time.monotonic() + HANG
+    while not any(isinstance(message, Planned) for message in heard):
+        assert time.monotonic() < deadline
+        heard += worker.receive()
+        time.sleep(0.005)
+    facts = [message for message in heard if isinstance(message, ModelFacts)]
+    assert [one.locked["finger"] for one in facts] == [0.1]  # and not where it was, 49 times
 
 
 def answer_of_end(worker: WorkerProcess) -> str:
