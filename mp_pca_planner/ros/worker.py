@@ -27,6 +27,7 @@ from rclpy.serialization import serialize_message
 
 from ..exceptions import PlannerError, printable
 from ..execution.link import (
+    Place,
     PlanRequest,
     Positions,
     Rejected,
@@ -233,6 +234,9 @@ class _Worker:
                 self._watcher.receive(message)
                 self._use_model()
                 self._send(SetUpDone(0))
+            case Place():
+                self._watcher.receive(message)
+                self._send(message)
             case _:
                 self._watcher.receive(message)
 

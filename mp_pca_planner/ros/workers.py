@@ -20,7 +20,7 @@ from typing import Any
 
 from rclpy.task import Future
 
-from ..execution.link import PlanRequest, SetUp, SetUpDone, WatchedRobot, WorkerDied
+from ..execution.link import Place, PlanRequest, SetUp, SetUpDone, WatchedRobot, WorkerDied
 from .markers import Frames, Markers
 from .worker import PLANNER, WATCHER, KeepMotion, Kept, LoseObstacles, TakeObstacles, run
 
@@ -46,7 +46,7 @@ class WorkerProcess:
     Attributes
     ----------
     due : dict
-        When answers are due, by what they answer: keys of requests, and ``set-up`` [s].
+        When answers are due, by what they answer: keys of requests, ``set-up``, ``place`` [s].
     """
 
     def __init__(self, role: str, wake: Callable[[], None], longest_solve: float = 0.2) -> None:
@@ -92,6 +92,8 @@ class WorkerProcess:
             self.due[message.key] = now + self.longest_solve + _ANSWER_TIME
         elif isinstance(message, SetUp):
             self.due["set-up"] = now + _SET_UP_TIME
+        elif isinstance(message, Place):
+            self.due.setdefault("place", now + _ANSWER_TIME)
         self._outbox.put(message)
 
     def cancel(self, key: int) -> None:
@@ -106,6 +108,9 @@ class WorkerProcess:
         while self._inbox:
             message = self._inbox.popleft()
             key = getattr(message, "key", "set-up" if isinstance(message, SetUpDone) else None)
+            if isinstance(message, Place):  # it only shows that the watcher works
+                self.due.pop("place", None)
+                continue
             self.due.pop(key, None)
             if key == "set-up":  # requests have waited for it
                 due = self._time() + self.longest_solve + _ANSWER_TIME

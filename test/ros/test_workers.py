@@ -28,6 +28,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.execution.link import (
     ModelFacts,
+    Place,
     Planned,
     PlanRequest,
     Positions,
@@ -43,7 +44,7 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.ros import workers as worker_module
 from mp_pca_planner.ros.markers import Markers
-from mp_pca_planner.ros.worker import PLANNER
+from mp_pca_planner.ros.worker import PLANNER, WATCHER
 from mp_pca_planner.ros.workers import WorkerProcess, Workers
 
 T = TypeVar("T")
@@ -156,6 +157,32 @@ def test_goal_does_not_wait_for_each_place_of_a_gripper_that_moves(
         time.sleep(0.005)
     facts = [message for message in heard if isinstance(message, ModelFacts)]
     assert [one.locked["finger"] for one in facts] == [0.1]  # and not where it was, 49 times
+
+
+def test_watcher_that_hangs_during_a_motion_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    later = 0.0
+    clock = SimpleNamespace(
+        monotonic=lambda: time.monotonic() + 5.0 * later, clock_gettime=time.clock_gettime
+    )
+    monkeypatch.setattr(worker_module, "time", clock)
+    worker = WorkerProcess(WATCHER, lambda: None)
+    try:
+        worker.send(Place(1, 0.5))
+        deadline = time.monotonic() + HANG
+        while worker.due:
+            assert time.monotonic() < deadline
+            assert not worker.receive()
+            time.sleep(0.005)
+        later = 1000.0
+        worker.check()
+        os.kill(worker.pid, signal.SIGSTOP)
+        for place in (0.6, 0.7):
+            worker.send(Place(1, place))
+            later += 1.5
+            worker.check()
+        assert answer_of_end(worker) == "it did not answer in time"
+    finally:
+        worker.close()
 
 
 def answer_of_end(worker: WorkerProcess) -> str:
