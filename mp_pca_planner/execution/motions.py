@@ -9,7 +9,6 @@ determines the commanded state at every time.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -181,9 +180,3 @@ class PublishedMotion:
     @cached_property
     def _ends(self) -> FloatArray:
         return segment_ends(self.trajectory.times, *self.trajectory.states)
-
-
-def hold(joint_names: Sequence[str], positions: FloatArray) -> Trajectory:
-    """A trajectory of one point at rest."""
-    zero = np.zeros((1, len(positions)))
-    return Trajectory(joint_names, [0.0], [positions], zero, zero)

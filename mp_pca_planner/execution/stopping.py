@@ -22,7 +22,7 @@ from ..motion.validation import check_limits, nearest_start
 from ..planning.search.stop_and_go import brakes
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .motions import TRANSPORT, USUAL_TRANSPORT, PublishedMotion, hold
+from .motions import TRANSPORT, USUAL_TRANSPORT, PublishedMotion
 from .parameters import Settings
 from .tracking import TooLateError, Tracker, Where, continued
 
@@ -103,7 +103,7 @@ def find_stop(
         elif following is not None and is_over:
             held = following.motion.end
         said = "the robot is at rest and holds its position"
-        return said, PublishedMotion.on_receipt(hold(names, held), now)
+        return said, PublishedMotion.on_receipt(Trajectory.at_rest(names, held), now)
     # Since the measurement, it has moved at its velocity or a lower one.
     q, v = where.measured.positions, where.measured.velocities
     moved_by = v * max(now - where.measured.time, 0.0)
@@ -169,7 +169,7 @@ def _stop_at_point(
             said = f"the robot is sent to a single point, at rest within {stop.duration:.3g} s"
             return said, PublishedMotion.to_last_point(stop, now)
     # A controller does the same when its goal is cancelled.
-    stop = hold(possible[held].joint_names, possible[held].positions)
+    stop = Trajectory.at_rest(possible[held].joint_names, possible[held].positions)
     said = "no stop within the limits was found: the robot is sent to hold its position"
     return said, PublishedMotion.to_last_point(stop, now)
 
@@ -273,7 +273,7 @@ def stop_on_path(
     if first < len(times):
         return _slowed(motion, place, times[first], period)
     if motion.near_point(place) >= motion.duration:
-        return hold(motion.trajectory.joint_names, motion.end)
+        return Trajectory.at_rest(motion.trajectory.joint_names, motion.end)
     return motion.rest(place)
 
 

@@ -25,7 +25,7 @@ from ..arrays import FloatArray
 from ..exceptions import GoalError, TrajectoryError
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
-from .motions import TRANSPORT, USUAL_TRANSPORT, PublishedMotion, hold
+from .motions import TRANSPORT, USUAL_TRANSPORT, PublishedMotion
 from .parameters import AUTO, MEASURED, Settings
 from .states import Clock, MeasuredState, MeasuredStates, UnconfirmedError
 
@@ -277,7 +277,7 @@ class Tracker:
         self._before = self._current
         if motion.began >= motion.time and not motion.sent.velocities[0].any():
             # A robot at rest stays there if the controller does not take the motion.
-            held = hold(motion.sent.joint_names, motion.sent.positions[0])
+            held = Trajectory.at_rest(motion.sent.joint_names, motion.sent.positions[0])
             self._before = PublishedMotion(held, motion.time)
         self.motion = self._current = motion
 
