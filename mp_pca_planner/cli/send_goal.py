@@ -98,10 +98,8 @@ def _with_numbers(values: dict[str, str]) -> dict[str, Any]:
     """Values of a report; texts that are numbers become numbers, but not the stamp of the goal."""
     found: dict[str, Any] = dict(values)
     for name, text in values.items():
-        if name != "goal_stamp" and re.fullmatch(r"-?\d+", text):
-            found[name] = int(text)
-        elif name != "goal_stamp" and re.fullmatch(r"-?\d+(\.\d+)?(e[-+]?\d+)?", text):
-            found[name] = float(text)
+        if name != "goal_stamp" and re.fullmatch(r"-?\d+(\.\d+)?(e[-+]?\d+)?", text):
+            found[name] = float(text) if "." in text or "e" in text else int(text)
     return found
 
 
