@@ -107,10 +107,10 @@ class WorkerProcess:
         found = []
         while self._inbox:
             message = self._inbox.popleft()
-            key = getattr(message, "key", "set-up" if isinstance(message, SetUpDone) else None)
             if isinstance(message, Place):  # it only shows that the watcher works
                 self.due.pop("place", None)
                 continue
+            key = getattr(message, "key", "set-up" if isinstance(message, SetUpDone) else None)
             self.due.pop(key, None)
             if key == "set-up":  # requests have waited for it
                 due = self._time() + self.longest_solve + _ANSWER_TIME

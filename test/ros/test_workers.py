@@ -12,7 +12,7 @@ from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -68,15 +68,20 @@ def workers(tmp_path: Path) -> Iterator[Callable[[], WorkerProcess]]:
         worker.close()
 
 
-def answer_of(worker: WorkerProcess, kind: type[T]) -> T:
-    deadline = time.monotonic() + HANG
-    while time.monotonic() < deadline:
-        for message in worker.receive():
-            if isinstance(message, kind):
-                return message
-            assert not isinstance(message, WorkerDied), message.reason
+def heard_until(worker: WorkerProcess, kind: type[T]) -> list[Any]:
+    """What a worker says up to its first message of a kind, and what comes with that."""
+    heard, deadline = list[Any](), time.monotonic() + HANG
+    while not any(isinstance(message, kind) for message in heard):
+        ends = [message for message in heard if isinstance(message, WorkerDied)]
+        assert not ends, ends[0].reason
+        assert time.monotonic() < deadline, f"no {kind.__name__}"
         time.sleep(0.005)
-    raise AssertionError(f"no {kind.__name__}")
+        heard += worker.receive()
+    return heard
+
+
+def answer_of(worker: WorkerProcess, kind: type[T]) -> T:
+    return next(one for one in heard_until(worker, kind) if isinstance(one, kind))
 
 
 def request(key: int) -> PlanRequest:
@@ -122,23 +127,19 @@ def test_node_hears_where_a_gripper_is_although_its_goal_is_rejected(
     assert answer_of(worker, SetUpDone).model is not None
     far = JointGoal(JointState(JOINTS, [9.0] * len(JOINTS)))
     worker.send(PlanRequest(1, far, JointState(JOINTS, START), {"finger": 0.08}))
-    heard, deadline = list[object](), time.monotonic() + HANG
-    while not any(isinstance(message, Rejected) for message in heard):
-        assert time.monotonic() < deadline
-        heard += worker.receive()
-        time.sleep(0.005)
+    heard = heard_until(worker, Rejected)
     (facts,) = (message for message in heard if isinstance(message, ModelFacts))
     assert dict(facts.locked) == {"finger": 0.08}
 
 
-def test_worker_that_starts_ignores_the_interrupt_of_a_terminal(
-    workers: Callable[[], WorkerProcess],
-) -> None:
+def test_worker_that_starts_ignores_the_interrupt_of_a_terminal() -> None:
     worker = WorkerProcess(PLANNER, lambda: None)
-    os.kill(worker.pid, signal.SIGINT)
-    worker.send(request(1))
-    answer_of(worker, Rejected)
-    worker.close()
+    try:
+        os.kill(worker.pid, signal.SIGINT)
+        worker.send(request(1))
+        answer_of(worker, Rejected)
+    finally:
+        worker.close()
 
 
 def test_goal_does_not_wait_for_each_place_of_a_gripper_that_moves(
@@ -150,11 +151,7 @@ def test_goal_does_not_wait_for_each_place_of_a_gripper_that_moves(
         worker.send(Positions({"finger": float(place)}))
     worker.send(replace(request(1), measured={"finger": 0.1}))
     os.kill(worker.pid, signal.SIGCONT)
-    heard, deadline = list[object](), time.monotonic() + HANG
-    while not any(isinstance(message, Planned) for message in heard):
-        assert time.monotonic() < deadline
-        heard += worker.receive()
-        time.sleep(0.005)
+    heard = heard_until(worker, Planned)
     facts = [message for message in heard if isinstance(message, ModelFacts)]
     assert [one.locked["finger"] for one in facts] == [0.1]  # and not where it was, 49 times
 
